@@ -1,0 +1,1 @@
+"""The outside world: MAVLink links and autopilots, the zenoh bus, AOA sensors, simulators."""

@@ -1,0 +1,1 @@
+"""AOA sensors: what measures bearings on a receiving UAV and puts them on the bus."""

@@ -1,0 +1,1 @@
+"""The zenoh bus: session, key expressions and messages between the UAVs and the ground."""

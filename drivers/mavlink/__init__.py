@@ -1,0 +1,1 @@
+"""MAVLink: links, vehicles, autopilots and the leased setpoint streamer."""

@@ -1,0 +1,1 @@
+"""The service: playbooks, relay execution, stop-condition monitor, safety, recording, screens, command line."""

@@ -1,0 +1,1 @@
+"""Pure mathematics of the bearing-only relay: no I/O, no clock, no threads."""
