@@ -1,0 +1,188 @@
+"""Simulated AOA sensors, all in one process of their own.
+
+They take the UAVs' positions and emissions from the bus and put bearing reports on it, like sensors on the UAVs would.
+Started with its settings as JSON on standard input: `python -m drivers.aoa.simulated`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import cmath
+import math
+import random
+import sys
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+
+from drivers.aoa.sensor import SensorModel
+from drivers.bus.keys import SwarmKeys, uav_of
+from drivers.bus.messages import (
+    Bearing,
+    BearingReport,
+    Emission,
+    MalformedMessageError,
+    PositionReport,
+    SensorFault,
+    decode,
+    encode,
+)
+from drivers.bus.session import Bus, BusEndpoint, Handler, open_bus
+from drivers.clock import Clock, SystemClock
+from drivers.errors import BusError
+from drivers.process import until_told_to_stop
+from drivers.tasks import background
+
+POSITION_FRESH_NS = 500_000_000
+"""A UAV whose position is older is not simulated on: it might be anywhere."""
+
+
+class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the sensor process is told on standard input."""
+
+    swarm: str
+    endpoint: str
+    receivers: list[str]
+    beacons: dict[str, tuple[float, float]]
+    """Transmitters that report no position: name -> north, east, m."""
+    sigma_rad: float
+    rate_hz: float
+    latency_s: float
+    drop_out: float
+    seed: int
+    speedup: float
+    epoch_ns: int
+    parent_pid: int
+
+
+@dataclass
+class SimulatedSensor:
+    """One sensor: true bearings with white noise, seeded."""
+
+    model: SensorModel
+    noise: random.Random
+    _sequence: int = 0
+
+    def measure(self, captured_ns: int, own: complex, transmitters: Mapping[str, complex]) -> BearingReport | None:
+        """Return the report of one instant, or None when it is lost or nothing transmits."""
+        self._sequence += 1
+        if not transmitters or self.noise.random() < self.model.drop_out:
+            return None
+        bearings = [
+            Bearing(
+                transmitter=name,
+                azimuth_rad=(cmath.phase(place - own) + self.noise.gauss(0.0, self.model.sigma_rad)) % math.tau,
+                sigma_rad=max(self.model.sigma_rad, 1e-9),
+            )
+            for name, place in transmitters.items()
+        ]
+        return BearingReport(
+            captured_ns=captured_ns, sequence=self._sequence, reference="true_north", bearings=bearings
+        )
+
+
+@dataclass
+class SensorField:
+    """What the sensors know of the world: who stands where, and who is on the air."""
+
+    beacons: dict[str, complex]
+    positions: dict[str, PositionReport] = field(default_factory=dict)
+    on_air: dict[str, bool] = field(default_factory=dict)
+    silenced: dict[str, bool] = field(default_factory=dict)
+
+    def heard(self, name: str, place: Mapping[str, complex]) -> dict[str, complex]:
+        """Return the transmitters a receiver hears: everyone emitting but itself."""
+        return {other: at for other, at in place.items() if other != name and self.on_air.get(other, False)}
+
+    def places(self, now_ns: int) -> dict[str, complex]:
+        """Return where everyone is now, site frame: the last fresh report, carried on with its velocity."""
+        places = dict(self.beacons)
+        for name, report in self.positions.items():
+            age_ns = now_ns - report.time_ns
+            if age_ns <= POSITION_FRESH_NS:
+                velocity = complex(report.north_mps, report.east_mps)
+                places[name] = complex(report.north_m, report.east_m) + velocity * age_ns * 1e-9
+        return places
+
+    def take_position(self, key: str, payload: bytes) -> None:
+        """Note a PositionReport."""
+        if (name := uav_of(key)) is not None:
+            self.positions[name] = decode(payload, PositionReport)
+
+    def take_emission(self, key: str, payload: bytes) -> None:
+        """Note who is on the air."""
+        if (name := uav_of(key)) is not None:
+            self.on_air[name] = decode(payload, Emission).on
+
+    def take_fault(self, key: str, payload: bytes) -> None:
+        """Note a sensor that is to fall silent, or speak again."""
+        if (name := uav_of(key)) is not None:
+            self.silenced[name] = decode(payload, SensorFault).silent
+
+
+async def run_sensors(settings: SensorSettings, bus: Bus, clock: Clock) -> None:
+    """Measure and publish for every receiver at the rate, each report after the latency."""
+    keys = SwarmKeys(settings.swarm)
+    world = SensorField({name: complex(*place) for name, place in settings.beacons.items()})
+    bus.subscribe(keys.every_position, tolerant(world.take_position))
+    bus.subscribe(keys.every_emission, tolerant(world.take_emission))
+    bus.subscribe(keys.every_sensor_fault, tolerant(world.take_fault))
+    for key, payload in (await bus.fetch(keys.every_emission)).items():
+        world.take_emission(key, payload)
+    model = SensorModel(settings.sigma_rad, settings.rate_hz, settings.latency_s, settings.drop_out)
+    sensors = {
+        name: SimulatedSensor(model, random.Random(f"{settings.seed}/{name}"))  # noqa: S311 - noise, not secrets
+        for name in settings.receivers
+    }
+    delayed: deque[tuple[float, str, BearingReport]] = deque()
+    period_s, due_s = 1.0 / settings.rate_hz, clock.now_s()
+    while True:
+        if clock.now_s() >= due_s:
+            due_s = max(due_s + period_s, clock.now_s() - period_s)
+            places = world.places(clock.unix_ns())
+            for name, sensor in sensors.items():
+                if name not in places or world.silenced.get(name, False):
+                    continue
+                report = sensor.measure(clock.unix_ns(), places[name], world.heard(name, places))
+                if report is not None:
+                    delayed.append((clock.now_s() + settings.latency_s, name, report))
+        while delayed and delayed[0][0] <= clock.now_s():
+            _, name, report = delayed.popleft()
+            bus.put_latest(keys.bearings(name), encode(report))
+        next_s = min(due_s, delayed[0][0]) if delayed else due_s
+        await clock.sleep(next_s - clock.now_s())
+
+
+def tolerant(take: Handler) -> Handler:
+    """Return the handler with malformed messages dropped: a stranger's payload ends no sensor."""
+
+    def drop_malformed(key: str, payload: bytes) -> None:
+        try:
+            take(key, payload)
+        except MalformedMessageError:
+            return
+
+    return drop_malformed
+
+
+async def _serve(settings: SensorSettings) -> None:
+    clock = SystemClock(settings.speedup, settings.epoch_ns)
+    async with open_bus(BusEndpoint(settings.endpoint)) as bus, background(run_sensors(settings, bus, clock)):
+        await until_told_to_stop(settings.parent_pid)
+
+
+def main() -> int:
+    """Run until told to stop; 2 when the bus cannot be reached."""
+    settings = msgspec.json.decode(sys.stdin.buffer.read(), type=SensorSettings)
+    try:
+        asyncio.run(_serve(settings))
+    except BusError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Messages on the bus: JSON, strictly decoded. Angles in rad, lengths in m, times in ns since 1970-01-01 UTC."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+import msgspec
+
+Azimuth = Annotated[float, msgspec.Meta(ge=-6.2832, le=6.2832, description="clockwise from the reference, rad")]
+Sigma = Annotated[float, msgspec.Meta(gt=0.0, le=3.1416, description="standard deviation, rad")]
+Metres = Annotated[float, msgspec.Meta(ge=-1e7, le=1e7)]
+MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+UnixNs = Annotated[int, msgspec.Meta(ge=0, description="ns since 1970-01-01 UTC")]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
+
+
+class Bearing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One bearing: azimuth from the receiver to a transmitter."""
+
+    transmitter: Name
+    azimuth_rad: Azimuth
+    sigma_rad: Sigma
+
+
+class BearingReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one receiver's AOA sensor measured at one instant."""
+
+    captured_ns: UnixNs
+    sequence: Annotated[int, msgspec.Meta(ge=0)]
+    reference: Literal["true_north", "body"]
+    bearings: Annotated[list[Bearing], msgspec.Meta(max_length=256)]
+
+
+class PositionReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a UAV is, site frame (north, east, down of the swarm's origin). For safety, screens, simulated sensors."""
+
+    time_ns: UnixNs
+    north_m: Metres
+    east_m: Metres
+    down_m: Metres
+    north_mps: MetresPerSecond
+    east_mps: MetresPerSecond
+
+
+class Emission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Whether a UAV should transmit."""
+
+    on: bool
+
+
+class SensorFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A fault injected into a simulated sensor."""
+
+    silent: bool
+
+
+class Progress(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One state change of one receiver in the relay."""
+
+    time_ns: UnixNs
+    receiver: Name
+    state: str
+    reason: str
+
+
+AnyMessage = TypeVar("AnyMessage", bound=msgspec.Struct)
+
+_ENCODER: Final = msgspec.json.Encoder()
+_DECODERS: Final[dict[type[msgspec.Struct], msgspec.json.Decoder[Any]]] = {
+    kind: msgspec.json.Decoder(kind, strict=True)
+    for kind in (BearingReport, PositionReport, Emission, SensorFault, Progress)
+}
+
+MalformedMessageError = msgspec.MsgspecError
+
+
+def encode(message: msgspec.Struct) -> bytes:
+    """Return the JSON of a message."""
+    return _ENCODER.encode(message)
+
+
+def decode(payload: bytes, kind: type[AnyMessage]) -> AnyMessage:
+    """Return the message a payload holds; MalformedMessageError says which field is wrong and how."""
+    message: AnyMessage = _DECODERS[kind].decode(payload)
+    return message
+
+
+def json_schemas() -> dict[str, Any]:
+    """Return the JSON Schema of every message, by name."""
+    schemas, components = msgspec.json.schema_components(_DECODERS, ref_template="#/$defs/{name}")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$defs": components, "anyOf": list(schemas)}

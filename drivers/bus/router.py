@@ -1,0 +1,34 @@
+"""The bus router as its own process: `python -m drivers.bus.router tcp/127.0.0.1:7447`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+
+from drivers.bus.session import BusEndpoint, open_bus
+from drivers.errors import BusError
+from drivers.process import until_told_to_stop
+
+
+async def _serve(endpoint: str, parent_pid: int | None) -> None:
+    async with open_bus(BusEndpoint(endpoint, role="router")):
+        await until_told_to_stop(parent_pid)
+
+
+def main() -> int:
+    """Route until told to stop; 2 when the endpoint cannot be listened on."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("endpoint", help="where to listen, e.g. tcp/127.0.0.1:7447")
+    parser.add_argument("--parent-pid", type=int, help="end when this process has ended")
+    arguments = parser.parse_args()
+    try:
+        asyncio.run(_serve(arguments.endpoint, arguments.parent_pid))
+    except BusError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

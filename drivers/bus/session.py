@@ -1,0 +1,154 @@
+"""The zenoh session: opened in a block, always closed, explicit endpoints, nothing multicast.
+
+A zenoh callback only hands over to the event loop; handlers run there, in the order the samples came.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import threading
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import zenoh
+
+from drivers.errors import BusError
+
+Handler = Callable[[str, bytes], None]
+"""Gets the key and the payload of one sample, on the event loop."""
+
+_CLOSE_WAIT_US = 200_000
+
+
+class Bus(Protocol):
+    """What the service and the sensors ask of the bus."""
+
+    def put_latest(self, key: str, payload: bytes) -> None:
+        """Publish a value of which only the latest matters; dropped when congested."""
+        ...
+
+    def put_reliably(self, key: str, payload: bytes) -> None:
+        """Publish a value that must arrive; a later subscriber may `fetch` the last one while this bus is open."""
+        ...
+
+    def subscribe(self, key_expression: str, handler: Handler) -> None:
+        """Call `handler` on the event loop for every sample that matches, until the bus closes."""
+        ...
+
+    async def fetch(self, key_expression: str) -> dict[str, bytes]:
+        """Return the last reliably put value of every matching key, as its publisher remembers it."""
+        ...
+
+    def connected(self) -> bool:
+        """Return whether the router can be reached."""
+        ...
+
+
+@dataclass(frozen=True)
+class BusEndpoint:
+    """How a process takes part in the bus: as a client of the router at `endpoint`, or as that router."""
+
+    endpoint: str
+    role: Literal["client", "router"] = "client"
+
+    def configuration(self) -> zenoh.Config:
+        """Return the zenoh configuration; every setting that would open more than the endpoint is off."""
+        config = zenoh.Config()
+        settings: dict[str, object] = {
+            "mode": self.role,
+            "connect/endpoints": [self.endpoint] if self.role == "client" else [],
+            "listen/endpoints": [self.endpoint] if self.role == "router" else [],
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            "transport/shared_memory/enabled": False,
+            "transport/link/tx/queue/congestion_control/block/wait_before_close": _CLOSE_WAIT_US,
+        }
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        return config
+
+
+@contextlib.asynccontextmanager
+async def open_bus(endpoint: BusEndpoint) -> AsyncIterator[Bus]:
+    """Open the bus and close it with the block. BusError when there is no router, or the port is taken."""
+    try:
+        session = await asyncio.to_thread(zenoh.open, endpoint.configuration())
+    except zenoh.ZError as error:
+        raise BusError(
+            f"the bus at {endpoint.endpoint} cannot be opened as {endpoint.role}: {error}. "
+            "Is its router running, and the endpoint written as tcp/HOST:PORT?"
+        ) from error
+    try:
+        yield _ZenohBus(session, asyncio.get_running_loop())
+    finally:
+        await asyncio.to_thread(session.close)
+
+
+class _ZenohBus:
+    def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
+        self._session = session
+        self._inbox = _Inbox(loop)
+        self._remembered: dict[str, bytes] = {}
+        self._queryables: set[str] = set()
+
+    def put_latest(self, key: str, payload: bytes) -> None:
+        self._session.put(
+            key,
+            payload,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+    def put_reliably(self, key: str, payload: bytes) -> None:
+        self._remembered[key] = payload
+        if key not in self._queryables:
+            self._queryables.add(key)
+            self._session.declare_queryable(key, lambda query: query.reply(key, self._remembered[key]))
+        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def subscribe(self, key_expression: str, handler: Handler) -> None:
+        self._session.declare_subscriber(
+            key_expression,
+            lambda sample: self._inbox.hand_over(handler, str(sample.key_expr), sample.payload.to_bytes()),
+        )
+
+    async def fetch(self, key_expression: str) -> dict[str, bytes]:
+        def ask() -> dict[str, bytes]:
+            replies = self._session.get(key_expression, timeout=2.0)
+            return {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
+
+        return await asyncio.to_thread(ask)
+
+    def connected(self) -> bool:
+        return bool(list(self._session.info.routers_zid()))
+
+
+class _Inbox:
+    """Samples on their way from zenoh's threads to the event loop: one wake-up for all that wait."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._samples: deque[tuple[Handler, str, bytes]] = deque(maxlen=100_000)
+        self._scheduled = False
+        self._lock = threading.Lock()
+
+    def hand_over(self, handler: Handler, key: str, payload: bytes) -> None:
+        with self._lock:
+            self._samples.append((handler, key, payload))
+            if self._scheduled or self._loop.is_closed():
+                return
+            self._scheduled = True
+        with contextlib.suppress(RuntimeError):  # the loop may close between the look and the call
+            self._loop.call_soon_threadsafe(self._deliver)
+
+    def _deliver(self) -> None:
+        with self._lock:
+            samples, self._samples = self._samples, deque(maxlen=self._samples.maxlen)
+            self._scheduled = False
+        for handler, key, payload in samples:
+            handler(key, payload)

@@ -1,0 +1,94 @@
+"""ArduCopter: GUIDED, NAV_TAKEOFF, BRAKE, LAND, as measured on 4.6."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.mavlink.vehicle import Heartbeat, Vehicle
+
+MODE_GUIDED: Final = 4
+MODE_LAND: Final = 9
+MODE_BRAKE: Final = 17
+
+READY_TIMEOUT_S: Final = 90.0
+"""The estimator of a copter switched on just now needs 42 s."""
+MODE_TIMEOUT_S: Final = 5.0
+ARM_TIMEOUT_S: Final = 5.0
+CLIMB_TIMEOUT_S: Final = 20.0
+CLIMB_S_PER_M: Final = 2.0
+LAND_TIMEOUT_S: Final = 120.0
+_REACHED: Final = 0.95
+
+_ESTIMATOR_POSITION_ABSOLUTE: Final = mavlink.EKF_POS_HORIZ_ABS
+
+_RATES_HZ: Final = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
+}
+
+
+class ArduCopter:
+    """ArduPilot on a multicopter."""
+
+    vehicle_types = frozenset(
+        {
+            mavlink.MAV_TYPE_QUADROTOR,
+            mavlink.MAV_TYPE_HEXAROTOR,
+            mavlink.MAV_TYPE_OCTOROTOR,
+            mavlink.MAV_TYPE_TRICOPTER,
+            mavlink.MAV_TYPE_COAXIAL,
+        }
+    )
+
+    def is_guided(self, heartbeat: Heartbeat) -> bool:
+        """Return whether the mode is GUIDED."""
+        return heartbeat.custom_mode == MODE_GUIDED
+
+    async def prepare(self, vehicle: Vehicle) -> None:
+        """Request position and estimator status, and wait for an absolute position estimate."""
+        for message_id, rate_hz in _RATES_HZ.items():
+            await vehicle.command(
+                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz, what=f"rate of message {message_id}"
+            )
+        await vehicle.wait_until(
+            lambda: (
+                bool(vehicle.telemetry.estimator_flags & _ESTIMATOR_POSITION_ABSOLUTE)
+                and vehicle.telemetry.kinematics is not None
+            ),
+            READY_TIMEOUT_S,
+            "position estimate",
+            "Check GPS reception and the EKF messages.",
+        )
+
+    async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
+        """Enter GUIDED, arm, NAV_TAKEOFF; return at the altitude. No setpoint may run before: it cancels the climb."""
+        await self._enter(vehicle, MODE_GUIDED, "GUIDED")
+        await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
+        await vehicle.wait_until(
+            lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
+        )
+        await vehicle.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, altitude_m, what="take-off")
+        await vehicle.wait_until(
+            lambda: (vehicle.telemetry.relative_altitude_m or 0.0) >= _REACHED * altitude_m,
+            CLIMB_TIMEOUT_S + CLIMB_S_PER_M * altitude_m,
+            f"climb to {altitude_m:g} m",
+            "Watch the vehicle: it may be on its way up.",
+        )
+
+    def hold(self, vehicle: Vehicle) -> None:
+        """Ask for BRAKE."""
+        vehicle.tell_urgently(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, MODE_BRAKE)
+
+    async def land(self, vehicle: Vehicle) -> None:
+        """Ask for LAND and wait until the copter has disarmed itself."""
+        vehicle.tell_urgently(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, MODE_LAND)
+        await vehicle.wait_until(lambda: not vehicle.armed, LAND_TIMEOUT_S, "touch-down", "Land it by hand.")
+
+    async def _enter(self, vehicle: Vehicle, mode: int, name: str) -> None:
+        """Ask for a mode and believe only the heartbeat: an acknowledged change may not have happened."""
+        vehicle.tell(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mode)
+        await vehicle.wait_until(
+            lambda: vehicle.custom_mode == mode, MODE_TIMEOUT_S, f"heartbeat in {name}", "Another station or RC switch?"
+        )

@@ -1,0 +1,87 @@
+"""MAVLink 2 frames to messages and back: pymavlink is the codec, framing is ours.
+
+A frame is decoded by itself, so that a damaged one never spoils its neighbours; MAVLink 1 frames are not accepted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+Message = Any
+"""A message of pymavlink's ardupilotmega dialect; pymavlink carries no types."""
+
+MAGIC: Final = 0xFD
+_HEADER_LENGTH: Final = 10
+_CHECKSUM_LENGTH: Final = 2
+_SIGNATURE_LENGTH: Final = 13
+_SIGNED: Final = 0x01
+
+
+@dataclass
+class FrameSplitter:
+    """Cuts a byte stream, or one datagram after another, into MAVLink 2 frames; bytes between frames are counted."""
+
+    skipped_bytes: int = 0
+    _rest: bytearray = field(default_factory=bytearray)
+
+    def datagram(self, data: bytes) -> list[bytearray]:
+        """Return the whole frames of one datagram; an unfinished one at its end is skipped."""
+        frames, rest = self._split(bytearray(data))
+        self.skipped_bytes += len(rest)
+        return frames
+
+    def stream(self, data: bytes) -> list[bytearray]:
+        """Return the frames completed by the next piece of a stream; the unfinished rest is kept."""
+        frames, self._rest = self._split(self._rest + data)
+        return frames
+
+    def _split(self, data: bytearray) -> tuple[list[bytearray], bytearray]:
+        frames: list[bytearray] = []
+        at = 0
+        while True:
+            start = data.find(MAGIC, at)
+            if start < 0:
+                self.skipped_bytes += len(data) - at
+                return frames, bytearray()
+            self.skipped_bytes += start - at
+            if len(data) - start < _HEADER_LENGTH:
+                return frames, data[start:]
+            signature = _SIGNATURE_LENGTH if data[start + 2] & _SIGNED else 0
+            end = start + _HEADER_LENGTH + data[start + 1] + _CHECKSUM_LENGTH + signature
+            if len(data) < end:
+                return frames, data[start:]
+            frames.append(data[start:end])
+            at = end
+
+
+@dataclass
+class Codec:
+    """Encodes messages as one MAVLink station and decodes what others send."""
+
+    system_id: int = 255
+    component_id: int = mavlink.MAV_COMP_ID_MISSIONPLANNER
+    malformed: int = 0
+    _mavlink: Message = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._mavlink = mavlink.MAVLink(None, self.system_id, self.component_id)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the frame of a message, numbered in this station's sequence."""
+        frame = bytes(message.pack(self._mavlink))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return frame
+
+    def decode(self, frame: bytearray) -> Message | None:
+        """Return the message of one frame, or None for a malformed or unknown one, which is counted."""
+        try:
+            message = self._mavlink.decode(frame)
+        except mavlink.MAVError:
+            self.malformed += 1
+            return None
+        if message.get_type().startswith("UNKNOWN") or message.get_type() == "BAD_DATA":
+            return None
+        return message

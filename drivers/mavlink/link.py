@@ -1,0 +1,135 @@
+"""A MAVLink link: one transport, one owner task that sends, and the vehicles behind it.
+
+Nothing but the owner task writes to a link. Urgent messages (hold, land, return, zero velocity) leave ahead of
+everything else; of the setpoints for one vehicle only the latest waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.clock import Clock
+from drivers.errors import LinkError
+from drivers.mavlink.codec import Codec, Message
+from drivers.mavlink.transport import LinkAddress, Transport, open_transport
+from drivers.tasks import background
+
+HEARTBEAT_PERIOD_S = 1.0
+
+MessageHandler = Callable[[Message], None]
+
+
+@dataclass
+class LinkCounters:
+    """What passed over a link."""
+
+    received: int = 0
+    sent: int = 0
+    lost: int = 0
+
+
+class Link:
+    """One link, shared by every vehicle behind it. Made by `open_link`."""
+
+    def __init__(self, codec: Codec) -> None:
+        self.counters = LinkCounters()
+        self.codec = codec
+        self._handlers: dict[int, MessageHandler] = {}
+        self._transport: Transport | None = None
+        self._urgent: deque[Message] = deque()
+        self._ordinary: deque[Message] = deque()
+        self._setpoints: dict[int, Message] = {}
+        self._wake = asyncio.Event()
+        self._next_sequence: dict[tuple[int, int], int] = {}
+
+    @property
+    def address(self) -> LinkAddress:
+        """Where the link really is."""
+        if self._transport is None:
+            raise LinkError("the link is not open")
+        return self._transport.address
+
+    def listen(self, system_id: int, handler: MessageHandler) -> None:
+        """Hand every message of this system's autopilot component to `handler`; LinkError when the id is taken."""
+        if system_id in self._handlers:
+            raise LinkError(f"{self.address}: two vehicles with system id {system_id}: give each its own SYSID_THISMAV")
+        self._handlers[system_id] = handler
+
+    def post(self, message: Message) -> None:
+        """Queue an ordinary message: commands, requests, heartbeats."""
+        self._ordinary.append(message)
+        self._wake.set()
+
+    def post_urgent(self, message: Message) -> None:
+        """Queue a message that stops a vehicle: it leaves before everything that waits."""
+        self._urgent.append(message)
+        self._wake.set()
+
+    def post_setpoint(self, system_id: int, message: Message) -> None:
+        """Queue a setpoint; it replaces one still waiting for the same vehicle."""
+        self._setpoints[system_id] = message
+        self._wake.set()
+
+    def drop_setpoint(self, system_id: int) -> None:
+        """Forget a setpoint still waiting: an urgent stop must not be followed by an older motion."""
+        self._setpoints.pop(system_id, None)
+
+    def receive(self, frame: bytearray) -> None:
+        """Decode one frame and hand it to the vehicle it is from; every other component is ignored."""
+        message = self.codec.decode(frame)
+        if message is None:
+            return
+        self.counters.received += 1
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        self._count_losses(source, message.get_seq())
+        if source[1] == mavlink.MAV_COMP_ID_AUTOPILOT1 and (handler := self._handlers.get(source[0])):
+            handler(message)
+
+    async def run(self, transport: Transport, clock: Clock) -> None:
+        """Own the link: send what is queued, and this station's heartbeat."""
+        self._transport = transport
+        async with background(self._heartbeats(clock)):
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                while (message := self._next()) is not None:
+                    transport.send(self.codec.encode(message))
+                    self.counters.sent += 1
+
+    def _next(self) -> Message | None:
+        if self._urgent:
+            return self._urgent.popleft()
+        if self._setpoints:
+            return self._setpoints.pop(next(iter(self._setpoints)))
+        return self._ordinary.popleft() if self._ordinary else None
+
+    async def _heartbeats(self, clock: Clock) -> None:
+        while True:
+            self.post(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+                )
+            )
+            await clock.sleep(HEARTBEAT_PERIOD_S)
+
+    def _count_losses(self, source: tuple[int, int], sequence: int) -> None:
+        expected = self._next_sequence.get(source, sequence)
+        gap = (sequence - expected) % 256
+        if gap < 128:  # a larger gap is an older frame arriving late
+            self.counters.lost += gap
+            self._next_sequence[source] = (sequence + 1) % 256
+
+
+@contextlib.asynccontextmanager
+async def open_link(address: LinkAddress, codec: Codec, clock: Clock) -> AsyncIterator[Link]:
+    """Open a link with its owner task; both end with the context. LinkError when it cannot be opened."""
+    link = Link(codec)
+    async with open_transport(address, link.receive) as transport, background(link.run(transport, clock)):
+        await asyncio.sleep(0)  # the owner takes the transport
+        yield link
