@@ -1,0 +1,1 @@
+"""Playbooks: what a run is about, written in YAML."""

@@ -1,0 +1,127 @@
+"""Reads playbooks: every problem of a file at once, each with file:line:column, what was found and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from gcs.errors import ServiceError
+from gcs.playbook.schema import Playbook
+
+_LARGEST_FILE_BYTES = 4_000_000
+
+
+@dataclass(frozen=True)
+class PlaybookProblem:
+    """One thing wrong in a playbook, where it stands (counted from 1)."""
+
+    path: Path
+    line: int
+    column: int
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}:{self.column}: {self.message}"
+
+
+class PlaybookError(ServiceError):
+    """A playbook cannot be used; `problems` is all that is wrong with it."""
+
+    def __init__(self, problems: Sequence[PlaybookProblem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(map(str, problems)))
+
+
+def load_playbook(path: Path) -> Playbook:
+    """Return the playbook in a YAML file; PlaybookError with every problem it has."""
+    document = _read_yaml(path)
+    try:
+        return Playbook.model_validate(_plain(document))
+    except ValidationError as error:
+        raise PlaybookError([_problem(path, document, details) for details in error.errors()]) from error
+
+
+def _read_yaml(path: Path) -> CommentedMap:
+    try:
+        if path.stat().st_size > _LARGEST_FILE_BYTES:
+            raise PlaybookError([PlaybookProblem(path, 1, 1, "is too large to be a playbook (over 4 MB)")])
+        document = YAML(typ="rt").load(path.read_text(encoding="utf-8"))
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        raise PlaybookError([PlaybookProblem(path, line, column, f"is not YAML: {error.problem}")]) from error
+    except (OSError, UnicodeDecodeError, YAMLError, RecursionError, ValueError) as error:
+        raise PlaybookError([PlaybookProblem(path, 1, 1, f"cannot be read: {error}")]) from error
+    if not isinstance(document, CommentedMap):
+        raise PlaybookError([PlaybookProblem(path, 1, 1, "is not a mapping of playbook sections")])
+    return document
+
+
+def _plain(node: Any) -> Any:
+    """Return the node as plain dicts, lists and scalars (ruamel's own scalar classes would fail strict checks)."""
+    if isinstance(node, Mapping):
+        return {_plain(key): _plain(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_plain(value) for value in node]
+    for kind in (bool, int, float, str):
+        if isinstance(node, kind):
+            return kind(node)
+    return node
+
+
+def _problem(path: Path, document: CommentedMap, details: ErrorDetails) -> PlaybookProblem:
+    location = [part for part in details["loc"] if part not in ("circle", "custom", "[key]")]
+    line, column = _position(document, location)
+    where = ".".join(map(str, location)) or "playbook"
+    message = details["msg"].removeprefix("Value error, ")
+    if details["type"] == "extra_forbidden":
+        message = f"unknown key{_suggestion(str(location[-1]), _allowed_keys(location[:-1]))}"
+    elif details["type"] == "missing":
+        message = "is missing"
+    elif not isinstance(details["input"], dict | list):
+        message += f", found {details['input']!r}"
+    return PlaybookProblem(path, line, column, f"{where}: {message}")
+
+
+def _position(document: CommentedMap, location: Sequence[int | str]) -> tuple[int, int]:
+    """Return line and column of the deepest part of a location that stands in the file, counted from 1."""
+    node: Any = document
+    line, column = 0, 0
+    for part in location:
+        if isinstance(node, CommentedMap) and part in node:
+            line, column = node.lc.key(part)
+        elif isinstance(node, CommentedSeq) and isinstance(part, int) and part < len(node):
+            line, column = node.lc.item(part)
+        else:
+            break
+        node = node[part]
+    return line + 1, column + 1
+
+
+def _allowed_keys(location: Sequence[int | str]) -> list[str]:
+    """Return the keys the schema knows at a location."""
+    model: Any = Playbook
+    for part in location:
+        if isinstance(model, type) and issubclass(model, BaseModel):
+            model = model.model_fields[str(part)].annotation if part in model.model_fields else None
+        else:  # a mapping whose keys are the user's own names: dict[Name, Section], perhaps optional
+            sections = [arm for arm in (model, *get_args(model)) if get_origin(arm) is dict]
+            model = get_args(sections[0])[1] if sections else None
+    return list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+
+
+def _suggestion(found: str, allowed: Sequence[str]) -> str:
+    if not allowed:
+        return ""
+    nearest = difflib.get_close_matches(found, allowed, n=1)
+    hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+    return f"{hint} (allowed are {', '.join(allowed)})"

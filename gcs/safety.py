@@ -1,0 +1,71 @@
+"""Safety: why a vehicle must not move now. Positions are used here, and only to forbid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class SitePosition:
+    """Where a vehicle says it is: site frame, north + i east, m; m above home; when it was heard, s."""
+
+    time_s: float
+    north_east: complex
+    height_m: float
+
+
+@dataclass
+class PositionBoard:
+    """The latest position of every vehicle, from its telemetry."""
+
+    latest: dict[str, SitePosition] = field(default_factory=dict)
+
+    def smallest_separation_m(self, name: str) -> tuple[float, str] | None:
+        """Return the distance to the nearest other vehicle and its name, or None when one cannot be told."""
+        own = self.latest.get(name)
+        if own is None:
+            return None
+        others = ((abs(p.north_east - own.north_east), other) for other, p in self.latest.items() if other != name)
+        return min(others, default=None)
+
+
+class Telemetered(Protocol):
+    """What safety asks of a vehicle."""
+
+    def silent_for_s(self) -> float:
+        """Return the time since its last message, s."""
+        ...
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """When a vehicle must not move."""
+
+    telemetry_gap_s: float = 0.5
+    min_separation_m: float = 5.0
+    separation_share: float = 0.8
+    """Share of the planned separation below which a vehicle stops: the plan keeps the whole."""
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Looks at one vehicle at a time. Without a position board (positions withheld) it cannot watch the separation."""
+
+    vehicles: Mapping[str, Telemetered]
+    bus_connected: Callable[[], bool]
+    limits: SafetyLimits
+    positions: PositionBoard | None
+
+    def objection(self, name: str) -> str | None:
+        """Return why this vehicle must not move now, or None."""
+        silent_s = self.vehicles[name].silent_for_s()
+        if silent_s > self.limits.telemetry_gap_s:
+            return f"no telemetry for {silent_s:.1f} s: check its link and autopilot"
+        if not self.bus_connected():
+            return "the bus router cannot be reached: check that it runs"
+        nearest = self.positions.smallest_separation_m(name) if self.positions else None
+        if nearest is not None and nearest[0] < self.limits.separation_share * self.limits.min_separation_m:
+            return f"only {nearest[0]:.1f} m from {nearest[1]}"
+        return None
