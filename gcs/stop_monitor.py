@@ -43,16 +43,17 @@ State = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArrivalRule:
-    """When a leg counts as ended: how near, how slow, and for how long."""
+    """When a leg counts as ended: how near, how slow, for how long, and whether it must also be on its line."""
 
     band_m: float
     speed_mps: float
     dwell_s: float
+    on_line: bool
 
 
-TURN = ArrivalRule(band_m=0.5, speed_mps=0.5, dwell_s=0.3)
+TURN = ArrivalRule(band_m=0.3, speed_mps=0.5, dwell_s=0.3, on_line=False)
 """For a leg whose end is a turning point: the next leg takes out what is left."""
-SLOT = ArrivalRule(band_m=0.15, speed_mps=0.2, dwell_s=1.0)
+SLOT = ArrivalRule(band_m=0.15, speed_mps=0.2, dwell_s=1.0, on_line=True)
 """For the leg that ends in the slot."""
 
 
@@ -137,6 +138,11 @@ class StopMonitor:
         """Whether so many reports in a row were outliers that the filter itself must be wrong."""
         return self._outliers_in_a_row >= OUTLIERS_IN_A_ROW
 
+    @property
+    def dwelling(self) -> bool:
+        """Whether the stop condition held when it was last asked for."""
+        return self._within_since_s is not None
+
     def estimate(self, now_s: float) -> LegEstimate:
         """Return where the receiver is by `now_s`, carried on from the last report with what was commanded."""
         state, covariance = self._carried_on(max(now_s, self._state_time_s))
@@ -147,7 +153,8 @@ class StopMonitor:
         """Return whether the stop condition holds: near and slow, without a break, for the dwell."""
         estimate = self.estimate(now_s)
         band_m = max(self.rule.band_m, 0.5 * estimate.remaining_sigma_m)
-        if abs(estimate.remaining_m) > band_m or abs(estimate.progress_mps) > self.rule.speed_mps:
+        off_m = max(abs(estimate.remaining_m), abs(estimate.cross_track_m) if self.rule.on_line else 0.0)
+        if off_m > band_m or abs(estimate.progress_mps) > self.rule.speed_mps:
             self._within_since_s = None
             return False
         if self._within_since_s is None:

@@ -35,6 +35,9 @@ from drivers.errors import BusError
 from drivers.process import until_told_to_stop
 from drivers.tasks import background
 
+LEAST_SIGMA_RAD = math.radians(0.01)
+"""No report claims to be better than this, not even one without noise."""
+
 POSITION_FRESH_NS = 500_000_000
 """A UAV whose position is older is not simulated on: it might be anywhere."""
 
@@ -74,7 +77,7 @@ class SimulatedSensor:
             Bearing(
                 transmitter=name,
                 azimuth_rad=(cmath.phase(place - own) + self.noise.gauss(0.0, self.model.sigma_rad)) % math.tau,
-                sigma_rad=max(self.model.sigma_rad, 1e-9),
+                sigma_rad=max(self.model.sigma_rad, LEAST_SIGMA_RAD),
             )
             for name, place in transmitters.items()
         ]

@@ -18,6 +18,8 @@ from gcs.errors import ServiceError
 from gcs.playbook.schema import Playbook
 
 _LARGEST_FILE_BYTES = 4_000_000
+_NOT_IN_THE_FILE = ("circle", "custom", "[key]")
+"""Parts of pydantic's locations that are no keys: which formation it took, and that a key itself is wrong."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +81,12 @@ def _plain(node: Any) -> Any:
 
 
 def _problem(path: Path, document: CommentedMap, details: ErrorDetails) -> PlaybookProblem:
-    location = [part for part in details["loc"] if part not in ("circle", "custom", "[key]")]
+    location = [part for part in details["loc"] if part not in _NOT_IN_THE_FILE]
     line, column = _position(document, location)
     where = ".".join(map(str, location)) or "playbook"
     message = details["msg"].removeprefix("Value error, ")
     if details["type"] == "extra_forbidden":
-        message = f"unknown key{_suggestion(str(location[-1]), _allowed_keys(location[:-1]))}"
+        message = f"unknown key{_suggestion(str(location[-1]), _allowed_keys(details['loc'][:-1]))}"
     elif details["type"] == "missing":
         message = "is missing"
     elif not isinstance(details["input"], dict | list):
@@ -111,7 +113,10 @@ def _allowed_keys(location: Sequence[int | str]) -> list[str]:
     """Return the keys the schema knows at a location."""
     model: Any = Playbook
     for part in location:
-        if isinstance(model, type) and issubclass(model, BaseModel):
+        kinds = [arm for arm in get_args(model) if isinstance(arm, type) and issubclass(arm, BaseModel)]
+        if kinds:  # one section of several kinds: the part names the kind
+            model = next((kind for kind in kinds if part in get_args(kind.model_fields["kind"].annotation)), None)
+        elif isinstance(model, type) and issubclass(model, BaseModel):
             model = model.model_fields[str(part)].annotation if part in model.model_fields else None
         else:  # a mapping whose keys are the user's own names: dict[Name, Section], perhaps optional
             sections = [arm for arm in (model, *get_args(model)) if get_origin(arm) is dict]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -28,7 +27,7 @@ from gcs.stop_monitor import SLOT, TURN, StopMonitor
 from planner.angles import wrap
 from planner.errors import PlannerError
 from planner.frames import FormationFrame
-from planner.plan import Leg, RelayPlan, Route
+from planner.plan import Leg, Route
 from planner.positioning import Fix, locate_by_bearings
 from planner.replan import replan
 
@@ -76,11 +75,11 @@ Objection = Callable[[str], str | None]
 
 
 class RelayExecutor:
-    """Runs one relay plan. `announce` is told every change of a receiver's record."""
+    """Runs one relay plan, given as the records of its receivers; `announce` is told every change of one."""
 
     def __init__(
         self,
-        plan: RelayPlan,
+        records: Mapping[str, ReceiverRecord],
         transmitters: Mapping[str, complex],
         *,
         leases: Mapping[str, SetpointLease],
@@ -92,7 +91,7 @@ class RelayExecutor:
         objection: Objection,
         announce: Announce,
     ) -> None:
-        self.records = {route.receiver: ReceiverRecord(route) for route in plan.routes}
+        self.records = records
         self._places = dict(transmitters)
         self._leases = leases
         self._feed = feed
@@ -163,7 +162,7 @@ class RelayExecutor:
         self._enter(record, ReceiverState.VERIFYING)
         fix = await self._locate(record.route, observations, self._settings.verify_samples, record.route.target)
         self._verify(record.route, fix)
-        self._places[record.name] = record.route.target
+        self._places[record.name] = fix.position  # where the next receivers will find their transmitter
         self._enter(record, ReceiverState.PLACED)
 
     async def _fly_leg(
@@ -175,7 +174,7 @@ class RelayExecutor:
         record.legs.append(flown)
         deadline_s = flown.started_s + settings.longest_leg_s(leg)
         usable_s = flown.started_s
-        angle_errors: deque[float] = deque(maxlen=settings.locate_samples)
+        angle_errors: list[float] = []
         while True:
             observation = await observations.next(settings.gap_s)
             now_s = self._clock.now_s()
@@ -187,8 +186,11 @@ class RelayExecutor:
                 if monitor.contradicted:
                     raise HoldRequiredError(f"{monitor.outliers} bearings contradict the leg: check its sensor")
                 flown.measured_angle_rad = _measured(leg, observation)
+                arrived = monitor.arrived(now_s)
+                if not monitor.dwelling:
+                    angle_errors.clear()
                 angle_errors.append(wrap(flown.measured_angle_rad - leg.stop_angle_rad))
-                if monitor.arrived(now_s):
+                if arrived:
                     break
                 self._steer(record, monitor, now_s)
             elif problem is not None:
@@ -201,7 +203,6 @@ class RelayExecutor:
         flown.estimate = monitor.estimate(now_s)
         flown.ended_s = now_s
         flown.stop_angle_error_rad = sum(angle_errors) / len(angle_errors)
-        self._announce(record)
 
     def _steer(self, record: ReceiverRecord, monitor: StopMonitor, now_s: float) -> None:
         """Renew the lease with the velocity that the angles ask for."""

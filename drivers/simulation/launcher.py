@@ -1,0 +1,122 @@
+"""Starts the processes of a simulated run (copters, sensors, bus router) and ends exactly those."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import SimulationError
+from planner.frames import GeodeticPosition
+
+_END_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True)
+class SimulatedTime:
+    """The time all processes of a run share."""
+
+    speedup: float
+    epoch_ns: int
+
+    def arguments(self) -> list[str]:
+        """Return it as command line arguments."""
+        return ["--speedup", f"{self.speedup:g}", "--epoch-ns", str(self.epoch_ns)]
+
+
+@dataclass(frozen=True)
+class CopterSpec:
+    """One embedded copter: who it is, where it starts, and the UDP port of the link it speaks to."""
+
+    name: str
+    system_id: int
+    port: int
+    home: GeodeticPosition
+    heading_deg: float = 0.0
+
+    def arguments(self, time: SimulatedTime, parent_pid: int) -> list[str]:
+        """Return the command line of its process, after the interpreter."""
+        at = self.home
+        home = f"{at.latitude_deg:.9f},{at.longitude_deg:.9f},{at.altitude_m:.3f},{self.heading_deg:g}"
+        return [
+            *("-m", "drivers.simulation.copter", "--name", self.name, "--system-id", str(self.system_id)),
+            *("--link", f"udpout:127.0.0.1:{self.port}", f"--home={home}"),
+            *("--parent-pid", str(parent_pid), *time.arguments()),
+        ]
+
+
+@dataclass
+class ProcessGroup:
+    """The processes of one run by name; their output goes to one log file each."""
+
+    log_dir: Path
+    processes: dict[str, asyncio.subprocess.Process]
+
+    async def start(self, name: str, arguments: Sequence[str], stdin: bytes = b"") -> None:
+        """Start a Python process of this installation. SimulationError when it cannot be started."""
+        try:
+            with (self.log_dir / f"{name}.log").open("wb") as log_file:
+                process = await asyncio.create_subprocess_exec(
+                    sys.executable,
+                    *arguments,
+                    stdin=asyncio.subprocess.PIPE,
+                    stdout=log_file,
+                    stderr=log_file,
+                    start_new_session=True,  # a Ctrl-C in the terminal is the service's to handle, not theirs
+                )
+        except OSError as error:
+            raise SimulationError(f"the process of {name} cannot be started: {error}") from error
+        self.processes[name] = process
+        if process.stdin is not None:
+            with contextlib.suppress(OSError):  # one that has already ended is noticed by its silence
+                process.stdin.write(stdin)
+                await process.stdin.drain()
+                process.stdin.close()
+
+    def require_running(self, name: str) -> None:
+        """Return while a process runs; SimulationError with its last words when it has ended."""
+        process = self.processes[name]
+        if process.returncode is not None:
+            said = (self.log_dir / f"{name}.log").read_text(errors="replace").strip().splitlines()
+            words = said[-1] if said else "it said nothing"
+            raise SimulationError(f"the process of {name} ended with status {process.returncode}: {words}")
+
+    async def end(self) -> None:
+        """End every process: politely, then for certain."""
+        running = [process for process in self.processes.values() if process.returncode is None]
+        for signal_number in (signal.SIGTERM, signal.SIGKILL):
+            for process in running:
+                with contextlib.suppress(ProcessLookupError):
+                    process.send_signal(signal_number)
+            waits = [asyncio.ensure_future(process.wait()) for process in running]
+            if waits:
+                await asyncio.wait(waits, timeout=_END_TIMEOUT_S)
+            running = [process for process in running if process.returncode is None]
+
+
+@contextlib.asynccontextmanager
+async def process_group(log_dir: Path) -> AsyncIterator[ProcessGroup]:
+    """Open a group of processes; they end with the block."""
+    group = ProcessGroup(log_dir, {})
+    try:
+        yield group
+    finally:
+        await group.end()
+
+
+def free_tcp_port() -> int:
+    """Return a port on loopback that is free now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def this_pid() -> int:
+    """Return the process id the started processes are to watch."""
+    return os.getpid()

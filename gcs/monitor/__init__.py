@@ -1,0 +1,1 @@
+"""Screens: what the operator sees of a run."""

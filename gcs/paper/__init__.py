@@ -1,0 +1,1 @@
+"""The paper's tables, recomputed beside what was printed."""

@@ -1,0 +1,1 @@
+"""What a run leaves behind: the run folder, the journal, and the score."""

@@ -1,0 +1,71 @@
+"""report.json: what became of a run, in the form other tools read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from gcs.bearings import BearingCounters
+from gcs.recording.score import Score
+from gcs.relay.records import ReceiverRecord
+from planner.plan import RelayPlan
+
+Outcome = Literal["formed", "aborted", "failed"]
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """The figures of a run beside its records."""
+
+    playbook: str
+    outcome: Outcome
+    duration_s: float
+    emission_transmitter_s: float
+    bearing_reports: BearingCounters
+
+
+def run_report(
+    figures: RunFigures, plan: RelayPlan, records: Mapping[str, ReceiverRecord], score: Score
+) -> dict[str, Any]:
+    """Return the documented report.json object: metres, seconds, degrees; null where nothing was flown."""
+    return {
+        "playbook": figures.playbook,
+        "outcome": figures.outcome,
+        "planned_total_length_m": plan.total_length_m,
+        "flown_total_length_m": sum(score.leg_lengths_m.values()),
+        "straight_line_bound_m": plan.straight_line_bound_m,
+        "min_separation_m": score.min_separation_m,
+        "duration_s": figures.duration_s,
+        "emission_transmitter_s": figures.emission_transmitter_s,
+        "bearing_reports": asdict(figures.bearing_reports),
+        "receivers": [_receiver(record, score) for record in records.values()],
+    }
+
+
+def _receiver(record: ReceiverRecord, score: Score) -> dict[str, Any]:
+    return {
+        "name": record.name,
+        "slot": record.route.slot,
+        "state": record.state.value,
+        "reason": record.reason,
+        "route_model": record.route.model,
+        "transmitters": list(record.route.transmitters),
+        "placement_error_m": score.placement_error_m(record),
+        "legs": [_leg(record, number, score) for number in range(len(record.route.legs))],
+    }
+
+
+def _leg(record: ReceiverRecord, number: int, score: Score) -> dict[str, Any]:
+    planned = record.route.legs[number]
+    flown = record.legs[number] if number < len(record.legs) else None
+    ended = flown is not None and flown.ended_s is not None
+    error_rad = None if flown is None else flown.stop_angle_error_rad
+    return {
+        "planned_length_m": planned.length_m,
+        "flown_length_m": score.leg_lengths_m[record.name, number] if flown is not None else None,
+        "stop_angle_deg": math.degrees(planned.stop_angle_rad),
+        "stop_angle_error_deg": None if error_rad is None else math.degrees(error_rad),
+        "duration_s": flown.ended_s - flown.started_s if ended and flown is not None and flown.ended_s else None,
+    }
