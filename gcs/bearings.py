@@ -49,6 +49,10 @@ class Observations:
         self._waiting.append(observation)
         self._arrived.set()
 
+    def forget(self) -> None:
+        """Drop what waits: only what is captured from now on counts."""
+        self._waiting.clear()
+
     async def next(self, timeout_s: float) -> Observation | None:
         """Return the next observation, or None when none came within `timeout_s`."""
         if not self._waiting:

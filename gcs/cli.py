@@ -26,6 +26,7 @@ from gcs.paper.render import print_paper
 from gcs.playbook.loader import load_playbook
 from gcs.playbook.schema import Playbook
 from gcs.recording.run_folder import write_json
+from gcs.relay.states import ReceiverState
 from gcs.reports.figure import draw_plan
 from gcs.service import RunOptions, fly
 from gcs.status import RunStatus
@@ -145,7 +146,7 @@ def _fly(playbook: Playbook, options: RunOptions, sigma_deg: float | None, json:
     for line in result_lines(result.report):
         console.print(line, soft_wrap=True)
     for receiver in result.report["receivers"]:
-        if receiver["reason"]:
+        if receiver["reason"] and receiver["state"] != ReceiverState.PLACED.value:
             console.print(f"{receiver['name']} {receiver['state']}: {receiver['reason']}", style="red", soft_wrap=True)
     console.print(f"figure {result.figure}", soft_wrap=True)
     if json is not None:

@@ -20,7 +20,7 @@ class SpeedLimits:
     taper: float = 0.6
     """Share of the deceleration the plan uses; the rest is for wind and delay."""
     approach_per_s: float = 0.8
-    cross_track_per_s: float = 0.5
+    cross_track_per_s: float = 0.8
     cross_track_mps: float = 1.5
 
 

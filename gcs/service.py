@@ -32,8 +32,9 @@ from gcs.recording.journal import Journal, open_journal
 from gcs.recording.run_folder import RunFolder
 from gcs.recording.score import Score
 from gcs.relay.emission import EmissionControl
-from gcs.relay.executor import RelayExecutor, RelaySettings
+from gcs.relay.executor import RelayExecutor
 from gcs.relay.records import ReceiverRecord
+from gcs.relay.settings import RelaySettings
 from gcs.reports.figure import draw_plan
 from gcs.reports.run_report import Outcome, RunFigures, run_report
 from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition

@@ -33,7 +33,8 @@ SPEED_NOISE: Final = 0.6
 _INITIAL_SPEED_SIGMA_MPS: Final = 0.3
 
 OUTLIER_SIGMAS: Final = 5.0
-OUTLIERS_IN_A_ROW: Final = 8
+_DOUBT: Final = np.diag([0.1**2, 0.1**2, 0.5**2, 0.5**2])
+"""What each outlier adds to the covariance, m^2 and m^2/s^2: reports that keep agreeing with each other win."""
 _NEAREST_M: Final = 0.5
 _COMMANDS_KEPT: Final = 50
 
@@ -53,7 +54,7 @@ class ArrivalRule:
 
 TURN = ArrivalRule(band_m=0.3, speed_mps=0.5, dwell_s=0.3, on_line=False)
 """For a leg whose end is a turning point: the next leg takes out what is left."""
-SLOT = ArrivalRule(band_m=0.15, speed_mps=0.2, dwell_s=1.0, on_line=True)
+SLOT = ArrivalRule(band_m=0.1, speed_mps=0.15, dwell_s=1.0, on_line=True)
 """For the leg that ends in the slot."""
 
 
@@ -86,7 +87,6 @@ class StopMonitor:
     _commands: deque[tuple[float, float, float]] = field(
         default_factory=lambda: deque(maxlen=_COMMANDS_KEPT), init=False
     )
-    _outliers_in_a_row: int = field(default=0, init=False)
     _within_since_s: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -124,19 +124,13 @@ class StopMonitor:
         spread = jacobian @ self._covariance @ jacobian.T + noise
         if np.any(np.abs(innovation) > OUTLIER_SIGMAS * np.sqrt(np.diag(spread))):
             self.outliers += 1
-            self._outliers_in_a_row += 1
+            self._covariance = self._covariance + _DOUBT
             return False
-        self._outliers_in_a_row = 0
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
         self._state = self._state + gain @ innovation
         reduced = np.eye(4) - gain @ jacobian
         self._covariance = reduced @ self._covariance @ reduced.T + gain @ noise @ gain.T
         return True
-
-    @property
-    def contradicted(self) -> bool:
-        """Whether so many reports in a row were outliers that the filter itself must be wrong."""
-        return self._outliers_in_a_row >= OUTLIERS_IN_A_ROW
 
     @property
     def dwelling(self) -> bool:

@@ -1,4 +1,4 @@
-"""What a recomputation of the paper yields: its rows with the printed and the recomputed numbers, and whether they agree.
+"""The rows of the paper's tables with the printed and the recomputed numbers, and whether they agree.
 
 Lengths are in the paper's units, taken as metres.
 """
@@ -155,8 +155,8 @@ class ModelsTable:
     @property
     def holds(self) -> bool:
         """Whether rows and totals are as printed."""
-        cells = [cell for row in self.rows for cell in (row.model_1, row.model_2, row.two_step)]
-        return all(part.holds for part in [*cells, self.model_1, self.model_2, self.two_step])
+        cells_hold = all(cell.holds for row in self.rows for cell in (row.model_1, row.model_2, row.two_step))
+        return cells_hold and self.model_1.holds and self.model_2.holds and self.two_step.holds
 
 
 @dataclass(frozen=True)
@@ -174,5 +174,5 @@ class PaperComparison:
     @property
     def holds(self) -> bool:
         """Whether the paper's numbers hold, printed errors aside."""
-        tables = (self.table_3, self.table_4, self.table_5, self.table_6)
-        return all(row.holds for row in self.table_2) and all(table.holds for table in tables)
+        lengths_hold = self.table_3.holds and self.table_4.holds and self.table_5.holds and self.table_6.holds
+        return lengths_hold and all(row.holds for row in self.table_2)

@@ -8,68 +8,27 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.mavlink.setpoints import StreamState
-from gcs.bearings import BearingFeed, Observation, Observations, collect
+from gcs.bearings import BearingFeed, Observations, collect
 from gcs.errors import HoldRequiredError
-from gcs.guidance import SpeedLimits, leg_velocity
 from gcs.relay.emission import EmissionControl
-from gcs.relay.records import LegRecord, ReceiverRecord
+from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
+from gcs.relay.records import ReceiverRecord
+from gcs.relay.settings import RelaySettings
 from gcs.relay.states import IN_FLIGHT, ReceiverState, require_transition
 from gcs.stop_monitor import SLOT, TURN, StopMonitor
-from planner.angles import wrap
 from planner.errors import PlannerError
 from planner.frames import FormationFrame
-from planner.plan import Leg, Route
+from planner.plan import Route
 from planner.positioning import Fix, locate_by_bearings
 from planner.replan import replan
 
-
-class SetpointLease(Protocol):
-    """What the executor may do to a vehicle."""
-
-    @property
-    def state(self) -> StreamState:
-        """Whether setpoints leave now; PILOT when somebody else has the vehicle."""
-        ...
-
-    def renew(self, velocity_north_east_mps: complex) -> None:
-        """Fly this velocity until the lease ends."""
-        ...
-
-    def stop(self) -> None:
-        """Fly zero velocity, then be silent."""
-        ...
-
-
-@dataclass(frozen=True)
-class RelaySettings:
-    """How the relay is flown."""
-
-    limits: SpeedLimits = field(default_factory=SpeedLimits)
-    min_separation_m: float = 5.0
-    locate_samples: int = 10
-    verify_samples: int = 20
-    placement_tolerance_m: float = 3.0
-    start_tolerance_m: float = 20.0
-    gap_s: float = 0.5
-    """Without a usable bearing for this long: zero velocity."""
-    give_up_s: float = 5.0
-    """Without one for this long: HELD."""
-
-    def longest_leg_s(self, leg: Leg) -> float:
-        """Return the time after which a leg has gone wrong, s."""
-        return 30.0 + 3.0 * leg.length_m / self.limits.speed_mps
-
-
-Announce = Callable[[ReceiverRecord], None]
 Objection = Callable[[str], str | None]
 """Says why a receiver must not move now, or None."""
 
@@ -111,7 +70,7 @@ class RelayExecutor:
     async def run(self) -> None:
         """Fly the waves one after another; return when all are PLACED or one could not go on.
 
-        Every vehicle is told to stop when this ends, however it ends.
+        Every vehicle in flight is told to stop when this ends, however it ends.
         """
         try:
             routes = sorted((record.route for record in self.records.values()), key=lambda r: (r.wave, r.order))
@@ -124,119 +83,76 @@ class RelayExecutor:
                 if any(self.records[route.receiver].state is not ReceiverState.PLACED for route in flown):
                     break
         finally:
-            for name, record in self.records.items():
-                if record.state in IN_FLIGHT:
-                    self._leases[name].stop()
+            self._stop_all()
             self._emission.set_on_air(())
 
     def abort(self, reason: str) -> None:
-        """Hold every receiver where it is and end the relay."""
+        """Stop every receiver at once and end the relay."""
         self._aborted = reason
+        self._stop_all()
+
+    def _stop_all(self) -> None:
         for name, record in self.records.items():
             if record.state in IN_FLIGHT:
                 self._leases[name].stop()
 
     async def _bring(self, record: ReceiverRecord) -> None:
-        """Bring one receiver to its slot, or leave it HELD or in PILOT with the reason."""
+        """Bring one receiver to its slot, or leave it HELD or in PILOT with the reason; the others hold with it."""
         try:
             with self._feed.listen(record.name) as observations:
                 await self._fly_route(record, observations)
         except HoldRequiredError as hold:
-            self._leases[record.name].stop()
-            taken = self._leases[record.name].state is StreamState.PILOT
+            lease = self._leases[record.name]
+            lease.stop()
+            taken = lease.state is StreamState.PILOT
             self._enter(record, ReceiverState.PILOT if taken else ReceiverState.HELD, hold.reason)
             if self._aborted is None:
                 self.abort(f"{record.name} is held: {hold.reason}")
 
     async def _fly_route(self, record: ReceiverRecord, observations: Observations) -> None:
         self._enter(record, ReceiverState.LOCATING)
-        fix = await self._locate(record.route, observations, self._settings.locate_samples, record.route.start)
+        fix = await self._located(record.route, observations, self._settings.locate_samples, record.route.start)
         record.route = self._replanned(record.route, fix.position)
         place, covariance = fix.position, fix.covariance
         for number, leg in enumerate(record.route.legs, start=1):
             self._enter(record, ReceiverState[f"LEG_{number}"])
-            last = number == len(record.route.legs)
-            monitor = StopMonitor(leg, self._places, place, covariance, self._clock.now_s(), SLOT if last else TURN)
-            await self._fly_leg(record, leg, monitor, observations)
+            rule = SLOT if number == len(record.route.legs) else TURN
+            monitor = StopMonitor(leg, self._places, place, covariance, self._clock.now_s(), rule)
+            await self._leg_flight(record, monitor, observations).fly()
             place, covariance = monitor.place()
         self._enter(record, ReceiverState.VERIFYING)
-        fix = await self._locate(record.route, observations, self._settings.verify_samples, record.route.target)
-        self._verify(record.route, fix)
+        await self._clock.sleep(self._settings.settle_s)
+        fix = await self._located(record.route, observations, self._settings.verify_samples, record.route.target)
+        off_m = self._verified_offset_m(record.route, fix)
         self._places[record.name] = fix.position  # where the next receivers will find their transmitter
-        self._enter(record, ReceiverState.PLACED)
+        self._enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {record.route.slot}")
 
-    async def _fly_leg(
-        self, record: ReceiverRecord, leg: Leg, monitor: StopMonitor, observations: Observations
-    ) -> None:
-        """Fly one leg until its stop condition holds. HoldRequiredError when it must not go on."""
-        settings = self._settings
-        flown = LegRecord(leg, started_s=self._clock.now_s())
-        record.legs.append(flown)
-        deadline_s = flown.started_s + settings.longest_leg_s(leg)
-        usable_s = flown.started_s
-        angle_errors: list[float] = []
-        while True:
-            observation = await observations.next(settings.gap_s)
-            now_s = self._clock.now_s()
-            self._require_ours(record.name)
-            problem = self._objection(record.name) or _unusable(leg, observation, settings.gap_s)
-            if problem is None and observation is not None:
-                usable_s = now_s
-                monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
-                if monitor.contradicted:
-                    raise HoldRequiredError(f"{monitor.outliers} bearings contradict the leg: check its sensor")
-                flown.measured_angle_rad = _measured(leg, observation)
-                arrived = monitor.arrived(now_s)
-                if not monitor.dwelling:
-                    angle_errors.clear()
-                angle_errors.append(wrap(flown.measured_angle_rad - leg.stop_angle_rad))
-                if arrived:
-                    break
-                self._steer(record, monitor, now_s)
-            elif problem is not None:
-                self._suspend(record, monitor, problem)
-                if now_s - usable_s >= settings.give_up_s:
-                    raise HoldRequiredError(f"{problem} (for {now_s - usable_s:.1f} s)")
-            if now_s > deadline_s:
-                raise HoldRequiredError(f"the leg took longer than {settings.longest_leg_s(leg):.0f} s")
-        self._leases[record.name].stop()
-        flown.estimate = monitor.estimate(now_s)
-        flown.ended_s = now_s
-        flown.stop_angle_error_rad = sum(angle_errors) / len(angle_errors)
+    def _leg_flight(self, record: ReceiverRecord, monitor: StopMonitor, observations: Observations) -> LegFlight:
+        return LegFlight(
+            record,
+            monitor,
+            self._leases[record.name],
+            observations,
+            objection=lambda: self._forbidden(record.name),
+            announce=self._announce,
+            frame=self._frame,
+            clock=self._clock,
+            settings=self._settings,
+        )
 
-    def _steer(self, record: ReceiverRecord, monitor: StopMonitor, now_s: float) -> None:
-        """Renew the lease with the velocity that the angles ask for."""
-        estimate = monitor.estimate(now_s)
-        along_mps, across_mps = leg_velocity(estimate, self._settings.limits)
-        self._leases[record.name].renew(self._frame.to_site(monitor.course * complex(along_mps, across_mps)))
-        monitor.commanded(now_s, along_mps, across_mps)
-        record.legs[-1].estimate = estimate
-        self._say(record, "")
-
-    def _suspend(self, record: ReceiverRecord, monitor: StopMonitor, problem: str) -> None:
-        """Zero velocity while the problem lasts."""
-        self._leases[record.name].stop()
-        monitor.commanded(self._clock.now_s(), 0.0, 0.0)
-        self._say(record, f"{problem}: zero velocity")
-
-    def _say(self, record: ReceiverRecord, reason: str) -> None:
-        """Announce a new reason, once."""
-        if record.reason != reason:
-            record.reason = reason
-            self._announce(record)
-
-    def _require_ours(self, name: str) -> None:
-        """Return while the receiver is the service's to move; HoldRequiredError when it is not."""
+    def _forbidden(self, name: str) -> str | None:
+        """Return why a receiver must not move now, or None. HoldRequiredError when it is not the service's to move."""
         if self._leases[name].state is StreamState.PILOT:
             raise HoldRequiredError("its mode was changed by the pilot, another station or a failsafe")
         if self._aborted is not None:
             raise HoldRequiredError(self._aborted)
+        return self._objection(name)
 
-    async def _locate(self, route: Route, observations: Observations, samples: int, prior: complex) -> Fix:
+    async def _located(self, route: Route, observations: Observations, samples: int, prior: complex) -> Fix:
         """Locate a hovering receiver from the transmitters on the air. HoldRequiredError when they do not fix it."""
+        observations.forget()
         heard = await collect(observations, samples, route.transmitters, self._settings.give_up_s)
-        self._require_ours(route.receiver)
-        if (objection := self._objection(route.receiver)) is not None:
+        if (objection := self._forbidden(route.receiver)) is not None:
             raise HoldRequiredError(objection)
         if len(heard) < samples:
             raise HoldRequiredError(
@@ -263,29 +179,18 @@ class RelayExecutor:
         except PlannerError as error:
             raise HoldRequiredError(str(error)) from error
 
-    def _verify(self, route: Route, fix: Fix) -> None:
+    def _verified_offset_m(self, route: Route, fix: Fix) -> float:
+        """Return how far bearings put a receiver from its slot, m; HoldRequiredError when that is too far."""
         off_m = abs(fix.position - route.target)
         allowed_m = self._settings.placement_tolerance_m + 3.0 * _worst_sigma_m(fix.covariance)
         if off_m > allowed_m:
             raise HoldRequiredError(f"bearings put it {off_m:.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)")
+        return off_m
 
     def _enter(self, record: ReceiverRecord, state: ReceiverState, reason: str = "") -> None:
         require_transition(record.name, record.state, state)
         record.state, record.reason = state, reason
         self._announce(record)
-
-
-def _unusable(leg: Leg, observation: Observation | None, gap_s: float) -> str | None:
-    """Return why an observation cannot steer this leg, in words, or None."""
-    if observation is None:
-        return f"no bearing report from its sensor for {gap_s:g} s"
-    missing = {leg.guide, *leg.stop_reference} - observation.directions_rad.keys()
-    return f"it does not hear {', '.join(sorted(missing))}" if missing else None
-
-
-def _measured(leg: Leg, observation: Observation) -> float:
-    first, second = (observation.directions_rad[name] for name in leg.stop_reference)
-    return wrap(second - first)
 
 
 def _mean_direction(directions_rad: list[float]) -> float:
