@@ -28,8 +28,9 @@ COMMAND_DELAY_S: Final = 0.24
 """From a setpoint to the first motion, as measured on ArduCopter."""
 RESPONSE_TIME_S: Final = 0.5
 """Time constant with which the speed then follows."""
-SPEED_NOISE: Final = 0.6
-"""How far the true motion strays from that, m/s per square root of a second."""
+HOVER_NOISE: Final = 0.15
+SPEED_NOISE_PER_MPS: Final = 0.1
+"""How far the true motion strays from that, m/s per square root of a second: in hover, and more with each m/s."""
 _INITIAL_SPEED_SIGMA_MPS: Final = 0.3
 
 OUTLIER_SIGMAS: Final = 5.0
@@ -44,17 +45,19 @@ State = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArrivalRule:
-    """When a leg counts as ended: how near, how slow, for how long, and whether it must also be on its line."""
+    """When a leg counts as ended: how near, for how long, and whether it must also be on its line.
+
+    The band is never narrower than what the filter can tell; staying within it for the dwell is being slow.
+    """
 
     band_m: float
-    speed_mps: float
     dwell_s: float
     on_line: bool
 
 
-TURN = ArrivalRule(band_m=0.3, speed_mps=0.5, dwell_s=0.3, on_line=False)
+TURN = ArrivalRule(band_m=0.3, dwell_s=0.3, on_line=False)
 """For a leg whose end is a turning point: the next leg takes out what is left."""
-SLOT = ArrivalRule(band_m=0.1, speed_mps=0.15, dwell_s=1.0, on_line=True)
+SLOT = ArrivalRule(band_m=0.1, dwell_s=1.0, on_line=True)
 """For the leg that ends in the slot."""
 
 
@@ -144,11 +147,11 @@ class StopMonitor:
         return LegEstimate(remaining, cross_track, progress, math.sqrt(max(float(covariance[0, 0]), 0.0)))
 
     def arrived(self, now_s: float) -> bool:
-        """Return whether the stop condition holds: near and slow, without a break, for the dwell."""
+        """Return whether the stop condition holds: near, without a break, for the dwell."""
         estimate = self.estimate(now_s)
-        band_m = max(self.rule.band_m, 0.5 * estimate.remaining_sigma_m)
+        band_m = max(self.rule.band_m, estimate.remaining_sigma_m)
         off_m = max(abs(estimate.remaining_m), abs(estimate.cross_track_m) if self.rule.on_line else 0.0)
-        if off_m > band_m or abs(estimate.progress_mps) > self.rule.speed_mps:
+        if off_m > band_m:
             self._within_since_s = None
             return False
         if self._within_since_s is None:
@@ -191,7 +194,10 @@ class StopMonitor:
             coasts = step_s - moves
             driven = np.array([-coasts * along_mps, coasts * across_mps, follow * along_mps, follow * across_mps])
             state = transition @ state + driven
-            covariance = transition @ covariance @ transition.T + _PROCESS_NOISE * step_s
+            stray = HOVER_NOISE + SPEED_NOISE_PER_MPS * math.hypot(along_mps, across_mps)
+            covariance = transition @ covariance @ transition.T
+            covariance[2, 2] += stray**2 * step_s
+            covariance[3, 3] += stray**2 * step_s
             at_s = time_s
         return state, covariance
 
@@ -209,9 +215,6 @@ class StopMonitor:
         if until_s > from_s:
             steps.append((until_s, effective))
         return steps
-
-
-_PROCESS_NOISE: Final = np.diag([0.0, 0.0, SPEED_NOISE**2, SPEED_NOISE**2])
 
 
 def _leg_axes(course: complex) -> NDArray[np.float64]:

@@ -38,7 +38,7 @@ from drivers.tasks import background
 LEAST_SIGMA_RAD = math.radians(0.01)
 """No report claims to be better than this, not even one without noise."""
 
-POSITION_FRESH_NS = 500_000_000
+POSITION_FRESH_NS = 1_000_000_000
 """A UAV whose position is older is not simulated on: it might be anywhere."""
 
 
@@ -153,7 +153,7 @@ async def run_sensors(settings: SensorSettings, bus: Bus, clock: Clock) -> None:
                     delayed.append((clock.now_s() + settings.latency_s, name, report))
         while delayed and delayed[0][0] <= clock.now_s():
             _, name, report = delayed.popleft()
-            bus.put_latest(keys.bearings(name), encode(report))
+            bus.put_latest(keys.bearings(name), encode(report), urgent=True)
         next_s = min(due_s, delayed[0][0]) if delayed else due_s
         await clock.sleep(next_s - clock.now_s())
 

@@ -27,8 +27,8 @@ _CLOSE_WAIT_US = 200_000
 class Bus(Protocol):
     """What the service and the sensors ask of the bus."""
 
-    def put_latest(self, key: str, payload: bytes) -> None:
-        """Publish a value of which only the latest matters; dropped when congested."""
+    def put_latest(self, key: str, payload: bytes, *, urgent: bool = False) -> None:
+        """Publish a value of which only the latest matters; dropped when congested. Urgent ones are not batched."""
         ...
 
     def put_reliably(self, key: str, payload: bytes) -> None:
@@ -95,13 +95,13 @@ class _ZenohBus:
         self._remembered: dict[str, bytes] = {}
         self._queryables: set[str] = set()
 
-    def put_latest(self, key: str, payload: bytes) -> None:
+    def put_latest(self, key: str, payload: bytes, *, urgent: bool = False) -> None:
         self._session.put(
             key,
             payload,
             congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
-            express=True,
+            priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
+            express=urgent,
         )
 
     def put_reliably(self, key: str, payload: bytes) -> None:

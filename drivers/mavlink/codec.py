@@ -20,6 +20,21 @@ _SIGNATURE_LENGTH: Final = 13
 _SIGNED: Final = 0x01
 
 
+@dataclass(frozen=True)
+class FrameHeader:
+    """What stands in the first ten bytes of a frame, before any check."""
+
+    sequence: int
+    system_id: int
+    component_id: int
+    message_id: int
+
+    @classmethod
+    def of(cls, frame: bytearray) -> FrameHeader:
+        """Return the header of a whole frame."""
+        return cls(frame[4], frame[5], frame[6], int.from_bytes(frame[7:10], "little"))
+
+
 @dataclass
 class FrameSplitter:
     """Cuts a byte stream, or one datagram after another, into MAVLink 2 frames; bytes between frames are counted."""

@@ -16,13 +16,22 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.clock import Clock
 from drivers.errors import LinkError
-from drivers.mavlink.codec import Codec, Message
+from drivers.mavlink.codec import Codec, FrameHeader, Message
 from drivers.mavlink.transport import LinkAddress, Transport, open_transport
 from drivers.tasks import background
 
 HEARTBEAT_PERIOD_S = 1.0
 
 MessageHandler = Callable[[Message], None]
+
+
+@dataclass(frozen=True)
+class Subscription:
+    """Which messages of which system go where."""
+
+    system_id: int
+    message_ids: frozenset[int]
+    handler: MessageHandler
 
 
 @dataclass
@@ -40,7 +49,7 @@ class Link:
     def __init__(self, codec: Codec) -> None:
         self.counters = LinkCounters()
         self.codec = codec
-        self._handlers: dict[int, MessageHandler] = {}
+        self._subscriptions: dict[int, Subscription] = {}
         self._transport: Transport | None = None
         self._urgent: deque[Message] = deque()
         self._ordinary: deque[Message] = deque()
@@ -55,11 +64,12 @@ class Link:
             raise LinkError("the link is not open")
         return self._transport.address
 
-    def listen(self, system_id: int, handler: MessageHandler) -> None:
-        """Hand every message of this system's autopilot component to `handler`; LinkError when the id is taken."""
-        if system_id in self._handlers:
+    def listen(self, subscription: Subscription) -> None:
+        """Hand the wanted messages of one system's autopilot to its handler; LinkError when the system id is taken."""
+        system_id = subscription.system_id
+        if system_id in self._subscriptions:
             raise LinkError(f"{self.address}: two vehicles with system id {system_id}: give each its own SYSID_THISMAV")
-        self._handlers[system_id] = handler
+        self._subscriptions[system_id] = subscription
 
     def post(self, message: Message) -> None:
         """Queue an ordinary message: commands, requests, heartbeats."""
@@ -81,15 +91,17 @@ class Link:
         self._setpoints.pop(system_id, None)
 
     def receive(self, frame: bytearray) -> None:
-        """Decode one frame and hand it to the vehicle it is from; every other component is ignored."""
-        message = self.codec.decode(frame)
-        if message is None:
+        """Take one frame in; it is decoded only when the autopilot of a vehicle sent it and somebody wants it."""
+        header = FrameHeader.of(frame)
+        self._count(header)
+        if header.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1:
             return
-        self.counters.received += 1
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        self._count_losses(source, message.get_seq())
-        if source[1] == mavlink.MAV_COMP_ID_AUTOPILOT1 and (handler := self._handlers.get(source[0])):
-            handler(message)
+        subscription = self._subscriptions.get(header.system_id)
+        if subscription is None or header.message_id not in subscription.message_ids:
+            return
+        message = self.codec.decode(frame)
+        if message is not None:
+            subscription.handler(message)
 
     async def run(self, transport: Transport, clock: Clock) -> None:
         """Own the link: send what is queued, and this station's heartbeat."""
@@ -118,12 +130,13 @@ class Link:
             )
             await clock.sleep(HEARTBEAT_PERIOD_S)
 
-    def _count_losses(self, source: tuple[int, int], sequence: int) -> None:
-        expected = self._next_sequence.get(source, sequence)
-        gap = (sequence - expected) % 256
+    def _count(self, header: FrameHeader) -> None:
+        self.counters.received += 1
+        source = (header.system_id, header.component_id)
+        gap = (header.sequence - self._next_sequence.get(source, header.sequence)) % 256
         if gap < 128:  # a larger gap is an older frame arriving late
             self.counters.lost += gap
-            self._next_sequence[source] = (sequence + 1) % 256
+            self._next_sequence[source] = (header.sequence + 1) % 256
 
 
 @contextlib.asynccontextmanager

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from drivers.clock import Clock
 from drivers.errors import VehicleError
 from drivers.mavlink.codec import Message
-from drivers.mavlink.link import Link
+from drivers.mavlink.link import Link, Subscription
 from planner.frames import GeodeticPosition
 
 ACK_TIMEOUT_S: Final = 3.0
@@ -66,7 +66,7 @@ class Vehicle:
         self._clock = clock
         self._changed = asyncio.Event()
         self._acks: dict[int, asyncio.Future[int]] = {}
-        link.listen(system_id, self._receive)
+        link.listen(Subscription(system_id, frozenset(_READERS), self._receive))
 
     @property
     def armed(self) -> bool:
@@ -142,10 +142,8 @@ class Vehicle:
 
     def _receive(self, message: Message) -> None:
         self.telemetry.last_message_s = self._clock.now_s()
-        reader = _READERS.get(message.get_msgId())
-        if reader is not None:
-            reader(self, message)
-            self._changed.set()
+        _READERS[message.get_msgId()](self, message)
+        self._changed.set()
 
     def _read_heartbeat(self, message: Message) -> None:
         heartbeat = Heartbeat(

@@ -105,7 +105,8 @@ def _print_lengths(console: Console, title: str, result: LengthsResult) -> None:
     plan, count = result.plan, len(result.rows)
     on_circle = result.slots_off_m <= TOLERANCE_M
     _say(console, _QUOTED)
-    _say(console, f"Printed total = sum of the printed, rounded lengths: {_yes(result.two_step_column.holds)}.")
+    summed = f"Printed total = sum of the printed lengths: {_yes(result.two_step_column.holds)}."
+    _say(console, f"{summed} Each is rounded, so it may be off by half a last digit a row.")
     _say(console, f"Printed slots = places 1 to {count} of a circle of {count + 1}: {_yes(on_circle)}.")
     _say(
         console,

@@ -55,7 +55,7 @@ class LegFlight:
     _angle_errors_rad: list[float] = field(default_factory=list, init=False)
 
     async def fly(self) -> None:
-        """Fly until the stop condition holds; the vehicle has zero velocity then. HoldRequiredError when it must hold."""
+        """Fly until the stop condition holds, then command zero velocity. HoldRequiredError when it must hold."""
         leg = self.monitor.leg
         flown = LegRecord(leg, started_s=self.clock.now_s())
         self.record.legs.append(flown)
