@@ -45,7 +45,7 @@ class Autopilot:
 
     def open_port(self) -> Port:
         """Return a new link of this autopilot, with the default rates."""
-        port = Port(self.flight.time_s, self._say)
+        port = Port(self.flight.parameters, self.flight.time_s, self._say)
         self.ports.append(port)
         return port
 

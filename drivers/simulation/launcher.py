@@ -16,6 +16,8 @@ from drivers.errors import SimulationError
 from planner.frames import GeodeticPosition
 
 _END_TIMEOUT_S = 2.0
+_SILENT_UNTIL_ASKED = ("SR0_EXT_STAT=0", "SR0_POSITION=0", "SR0_EXTRA1=0", "SR0_EXTRA2=0", "SR0_EXTRA3=0")
+"""Stream rates of a copter in a fleet: the service asks for what it uses."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class CopterSpec:
             *("-m", "drivers.simulation.copter", "--name", self.name, "--system-id", str(self.system_id)),
             *("--link", f"udpout:127.0.0.1:{self.port}", f"--home={home}"),
             *("--parent-pid", str(parent_pid), *time.arguments()),
+            *(word for parameter in _SILENT_UNTIL_ASKED for word in ("--param", parameter)),
         ]
 
 

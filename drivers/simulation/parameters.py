@@ -40,6 +40,11 @@ EFFECTIVE = (
     Parameter("LAND_ALT_LOW", 1000, REAL32, 100, 10000),  # cm
     Parameter("DISARM_DELAY", 10, INT8, 0, 127),  # s
     Parameter("BATT_CAPACITY", 5000, INT32, 1, 1000000),  # mAh
+    Parameter("SR0_EXT_STAT", 2, INT16, 0, 50),  # Hz, as are the other SR0_
+    Parameter("SR0_POSITION", 4, INT16, 0, 50),
+    Parameter("SR0_EXTRA1", 4, INT16, 0, 50),
+    Parameter("SR0_EXTRA2", 2, INT16, 0, 50),
+    Parameter("SR0_EXTRA3", 1, INT16, 0, 50),
     Parameter("SIM_WIND_SPD", 0, REAL32, 0, 30),  # m/s
     Parameter("SIM_WIND_DIR", 180, REAL32, -360, 360),  # deg, where it comes from
     Parameter("SIM_WIND_TURB", 0, REAL32, 0, 10),  # m/s

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.simulation.flight import Say
+from drivers.simulation.parameters import Parameters
 from drivers.simulation.streams import Streams
 from drivers.simulation.telemetry import Message
 
@@ -14,8 +15,8 @@ TEXT_LENGTH = 50
 class Port:
     """Where one link's messages queue; `say` reaches the stations on every link."""
 
-    def __init__(self, now_s: float, say: Say) -> None:
-        self.streams = Streams(now_s)
+    def __init__(self, parameters: Parameters, now_s: float, say: Say) -> None:
+        self.streams = Streams(parameters, now_s)
         self.say = say
         self._waiting: list[Message] = []
 

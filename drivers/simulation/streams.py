@@ -6,10 +6,10 @@ from math import floor, inf
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from drivers.simulation.parameters import Parameters
 from drivers.simulation.telemetry import REPORTS
 
-DEFAULT_INTERVALS_S = {mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0}
-"""All that is sent unasked, as by an ArduCopter whose stream rates (SRn_*) stand at their 0."""
+HEARTBEAT_S = 1.0
 
 GROUPS = {
     mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
@@ -30,17 +30,27 @@ GROUPS = {
 }
 """What a REQUEST_DATA_STREAM speaks of."""
 
+RATE_PARAMETERS = {
+    mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: "SR0_EXT_STAT",
+    mavlink.MAV_DATA_STREAM_POSITION: "SR0_POSITION",
+    mavlink.MAV_DATA_STREAM_EXTRA1: "SR0_EXTRA1",
+    mavlink.MAV_DATA_STREAM_EXTRA2: "SR0_EXTRA2",
+    mavlink.MAV_DATA_STREAM_EXTRA3: "SR0_EXTRA3",
+}
+"""The parameter, Hz, that says how often a group is sent unasked."""
+
 FASTEST_S = 0.005
 
 
 class Streams:
     """The reports due on one link; intervals and times in s since switch-on."""
 
-    def __init__(self, now_s: float = 0.0) -> None:
+    def __init__(self, parameters: Parameters, now_s: float = 0.0) -> None:
         self._interval_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         self.next_due_s = inf
-        for message_id, interval_s in DEFAULT_INTERVALS_S.items():
+        self._unasked_s = _unasked_intervals_s(parameters)
+        for message_id, interval_s in self._unasked_s.items():
             self.set_interval(message_id, interval_s, now_s)
 
     def interval_s(self, message_id: int) -> float:
@@ -55,7 +65,7 @@ class Streams:
         if message_id not in REPORTS:
             return False
         if interval_s is None:
-            interval_s = DEFAULT_INTERVALS_S.get(message_id, inf)
+            interval_s = self._unasked_s.get(message_id, inf)
         self._interval_s.pop(message_id, None)
         self._due_s.pop(message_id, None)
         if interval_s < inf:
@@ -87,3 +97,12 @@ class Streams:
 
     def _find_next(self) -> None:
         self.next_due_s = min(self._due_s.values(), default=inf)
+
+
+def _unasked_intervals_s(parameters: Parameters) -> dict[int, float]:
+    """Return how often each report is sent without any request: the heartbeat, and the groups with a rate."""
+    intervals_s = {mavlink.MAVLINK_MSG_ID_HEARTBEAT: HEARTBEAT_S}
+    for group, parameter in RATE_PARAMETERS.items():
+        if parameters[parameter] > 0.0:
+            intervals_s |= dict.fromkeys(GROUPS[group], 1.0 / parameters[parameter])
+    return intervals_s
