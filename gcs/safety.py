@@ -51,12 +51,12 @@ class SafetyLimits:
 
 @dataclass(frozen=True)
 class Safety:
-    """Looks at one vehicle at a time. Without a position board (positions withheld) it cannot watch the separation."""
+    """Looks at one vehicle at a time. Where the board holds no positions it cannot watch the separation."""
 
     vehicles: Mapping[str, Telemetered]
     bus_connected: Callable[[], bool]
     limits: SafetyLimits
-    positions: PositionBoard | None
+    positions: PositionBoard
 
     def objection(self, name: str) -> str | None:
         """Return why this vehicle must not move now, or None."""
@@ -65,7 +65,7 @@ class Safety:
             return f"no telemetry for {silent_s:.1f} s: check its link and autopilot"
         if not self.bus_connected():
             return "the bus router cannot be reached: check that it runs"
-        nearest = self.positions.smallest_separation_m(name) if self.positions else None
+        nearest = self.positions.smallest_separation_m(name)
         if nearest is not None and nearest[0] < self.limits.separation_share * self.limits.min_separation_m:
             return f"only {nearest[0]:.1f} m from {nearest[1]}"
         return None

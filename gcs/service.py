@@ -56,8 +56,6 @@ class RunOptions:
     runs_dir: Path = Path("runs")
     speedup: float = 1.0
     seed: int = 0
-    positions_withheld: bool = False
-    """Leave safety without positions too: the relay must form up from bearings alone."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +221,7 @@ def _safety(run: _Run) -> Safety:
         vehicles=run.vehicles,
         bus_connected=run.bus.connected,
         limits=SafetyLimits(min_separation_m=run.playbook.planner.min_separation_m),
-        positions=None if run.options.positions_withheld else run.board,
+        positions=run.board,
     )
 
 

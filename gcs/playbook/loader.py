@@ -113,15 +113,24 @@ def _allowed_keys(location: Sequence[int | str]) -> list[str]:
     """Return the keys the schema knows at a location."""
     model: Any = Playbook
     for part in location:
-        kinds = [arm for arm in get_args(model) if isinstance(arm, type) and issubclass(arm, BaseModel)]
-        if kinds:  # one section of several kinds: the part names the kind
-            model = next((kind for kind in kinds if part in get_args(kind.model_fields["kind"].annotation)), None)
-        elif isinstance(model, type) and issubclass(model, BaseModel):
-            model = model.model_fields[str(part)].annotation if part in model.model_fields else None
-        else:  # a mapping whose keys are the user's own names: dict[Name, Section], perhaps optional
-            sections = [arm for arm in (model, *get_args(model)) if get_origin(arm) is dict]
-            model = get_args(sections[0])[1] if sections else None
-    return list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+        model = _section_at(model, part)
+    return list(model.model_fields) if _is_section(model) else []
+
+
+def _section_at(model: Any, part: int | str) -> Any:
+    """Return the type of what stands under one part of a location, or None where the schema ends."""
+    if _is_section(model):
+        return model.model_fields[part].annotation if part in model.model_fields else None
+    for arm in (model, *get_args(model)):
+        if get_origin(arm) is dict:  # the keys are the user's own names
+            return get_args(arm)[1]
+        if _is_section(arm) and "kind" in arm.model_fields and part in get_args(arm.model_fields["kind"].annotation):
+            return arm
+    return None
+
+
+def _is_section(model: Any) -> bool:
+    return isinstance(model, type) and issubclass(model, BaseModel)
 
 
 def _suggestion(found: str, allowed: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ import asyncio
 import math
 from collections.abc import Callable, Mapping
 from itertools import groupby
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,16 @@ from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.relay.states import IN_FLIGHT, ReceiverState, require_transition
 from gcs.stop_monitor import SLOT, TURN, StopMonitor
+from planner.angles import wrap, wrap_all
 from planner.errors import PlannerError
 from planner.frames import FormationFrame
 from planner.plan import Route
 from planner.positioning import Fix, locate_by_bearings
 from planner.replan import replan
+
+_MAD_TO_SIGMA: Final = 1.4826
+_OUTLIER_SIGMAS: Final = 4.0
+_LEAST_SPREAD_RAD: Final = math.radians(0.01)
 
 Objection = Callable[[str], str | None]
 """Says why a receiver must not move now, or None."""
@@ -160,7 +166,7 @@ class RelayExecutor:
                 "check its sensor and the transmitters"
             )
         places = {name: self._places[name] for name in route.transmitters}
-        directions = {name: _mean_direction([o.directions_rad[name] for o in heard]) for name in places}
+        directions = {name: _typical_direction([o.directions_rad[name] for o in heard]) for name in places}
         sigma = {name: heard[-1].sigma_rad[name] / math.sqrt(samples) for name in places}
         try:
             return locate_by_bearings(directions, places, sigma, prior=prior)
@@ -193,8 +199,14 @@ class RelayExecutor:
         self._announce(record)
 
 
-def _mean_direction(directions_rad: list[float]) -> float:
-    return math.atan2(sum(map(math.sin, directions_rad)), sum(map(math.cos, directions_rad)))
+def _typical_direction(directions_rad: list[float]) -> float:
+    """Return the mean of directions, rad, without those far from their median: a multipath jump must not count."""
+    about = np.asarray(directions_rad)
+    offsets = wrap_all(about - about[0])
+    offsets = wrap_all(offsets - np.median(offsets))
+    spread = max(_MAD_TO_SIGMA * float(np.median(np.abs(offsets))), _LEAST_SPREAD_RAD)
+    kept = np.abs(offsets) <= _OUTLIER_SIGMAS * spread
+    return wrap(float(np.mean(wrap_all(about[kept] - about[kept][0])) + about[kept][0]))
 
 
 def _worst_sigma_m(covariance: NDArray[np.float64]) -> float:

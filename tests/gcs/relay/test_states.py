@@ -1,0 +1,44 @@
+"""The relay's transition table: what it allows happens, everything else is an error naming both states."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs.errors import IllegalTransitionError
+from gcs.relay.states import IN_FLIGHT, TRANSITIONS, ReceiverState, require_transition
+
+states = st.sampled_from(ReceiverState)
+
+
+@given(states, states)
+def test_only_what_stands_in_the_table_is_allowed(old: ReceiverState, new: ReceiverState) -> None:
+    if new in TRANSITIONS[old]:
+        require_transition("U1", old, new)
+    else:
+        with pytest.raises(IllegalTransitionError, match=f"U1: {old.value} -> {new.value}"):
+            require_transition("U1", old, new)
+
+
+def test_the_way_of_a_receiver() -> None:
+    way = ["WAITING", "LOCATING", "LEG_1", "LEG_2", "VERIFYING", "PLACED"]
+    for old, new in pairwise(way):
+        require_transition("U1", ReceiverState(old), ReceiverState(new))
+
+
+def test_every_state_is_in_the_table_and_can_be_held() -> None:
+    assert TRANSITIONS.keys() == set(ReceiverState)
+    for state in IN_FLIGHT:
+        assert {ReceiverState.HELD, ReceiverState.PILOT, ReceiverState.FAILED} <= TRANSITIONS[state]
+
+
+def test_failed_is_the_end() -> None:
+    assert not TRANSITIONS[ReceiverState.FAILED]
+
+
+def test_no_state_is_skipped() -> None:
+    for state, onward in TRANSITIONS.items():
+        assert len(onward & IN_FLIGHT) <= 1, f"{state} leads to more than one stage of the flight"

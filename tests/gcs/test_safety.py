@@ -1,0 +1,61 @@
+"""Safety forbids, and says why; it never tells where to go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition
+
+
+@dataclass
+class Silence:
+    seconds: float = 0.0
+
+    def silent_for_s(self) -> float:
+        return self.seconds
+
+
+def board(**places: complex) -> PositionBoard:
+    return PositionBoard({name: SitePosition(0.0, place, 20.0) for name, place in places.items()})
+
+
+def safety(
+    silent_s: float = 0.0, connected: bool = True, positions: PositionBoard | None = None, separation: float = 5.0
+) -> Safety:
+    limits = SafetyLimits(min_separation_m=separation)
+    return Safety({"U1": Silence(silent_s)}, lambda: connected, limits, positions or PositionBoard())
+
+
+def test_nothing_wrong_nothing_forbidden() -> None:
+    assert safety(positions=board(U1=0j, U2=20 + 0j)).objection("U1") is None
+
+
+@pytest.mark.parametrize(
+    ("guard", "words"),
+    [
+        (safety(silent_s=0.6), "no telemetry for 0.6 s"),
+        (safety(connected=False), "the bus router cannot be reached"),
+        (safety(positions=board(U1=0j, U2=3.9 + 0j, U3=50j)), "only 3.9 m from U2"),
+    ],
+)
+def test_each_danger_has_its_own_words(guard: Safety, words: str) -> None:
+    objection = guard.objection("U1")
+    assert objection is not None
+    assert words in objection
+
+
+def test_the_planned_separation_itself_is_allowed() -> None:
+    assert safety(positions=board(U1=0j, U2=5 + 0j)).objection("U1") is None
+
+
+def test_without_positions_it_still_watches_link_and_bus() -> None:
+    assert safety().objection("U1") is None
+    assert safety(silent_s=1.0).objection("U1") is not None
+
+
+def test_a_vehicle_without_a_position_has_no_neighbours() -> None:
+    assert board(U2=1j).smallest_separation_m("U1") is None
+    assert board(U1=1j).smallest_separation_m("U1") is None
+    assert board(U1=0j, U2=3 + 4j).smallest_separation_m("U1") == (5.0, "U2")

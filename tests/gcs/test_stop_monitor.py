@@ -1,0 +1,198 @@
+"""The stop-condition monitor follows a leg from angles alone, and ends it never on one sample."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.guidance import SpeedLimits, leg_velocity
+from gcs.stop_monitor import RESPONSE_TIME_S, SLOT, TURN, ArrivalRule, LegEstimate, StopMonitor
+from planner.angles import wrap
+from planner.plan import Leg
+from planner.routes import make_leg
+
+PLACES = {"L0": 0j, "L1": 100 + 0j, "U7": -40 + 120j}
+PERIOD_S = 0.1
+LIMITS = SpeedLimits()
+
+
+def a_leg(start: complex, end: complex, guide: str, reference: tuple[str, str] = ("L0", "L1")) -> Leg:
+    first, second = reference
+    return make_leg(start, end, (guide, PLACES[guide]), ((first, PLACES[first]), (second, PLACES[second])))
+
+
+class Flight:
+    """A receiver that answers velocity with a lag, a noisy sensor, and the loop between them."""
+
+    def __init__(self, leg: Leg, sigma_deg: float, seed: int, rule: ArrivalRule = SLOT, start: complex | None = None):
+        self.sigma_rad = math.radians(sigma_deg)
+        self.noise = random.Random(seed)
+        self.place = leg.start if start is None else start
+        self.velocity = 0j
+        self.time_s = 1000.0
+        self.monitor = StopMonitor(leg, PLACES, leg.start, np.eye(2) * 0.5, self.time_s, rule)
+
+    def directions(self) -> dict[str, float]:
+        return {
+            name: wrap(cmath.phase(at - self.place) + self.noise.gauss(0.0, self.sigma_rad))
+            for name, at in PLACES.items()
+        }
+
+    def observe(self, directions: dict[str, float]) -> bool:
+        return self.monitor.observe(self.time_s, directions, dict.fromkeys(PLACES, max(self.sigma_rad, 1e-4)))
+
+    def step(self, directions: dict[str, float] | None = None) -> bool:
+        """One report, one command, one tenth of a second; True when the stop condition holds."""
+        if self.observe(directions or self.directions()):
+            if self.monitor.arrived(self.time_s):
+                return True
+            along, across = leg_velocity(self.monitor.estimate(self.time_s), LIMITS)
+            self.monitor.commanded(self.time_s, along, across)
+            self.command = self.monitor.course * complex(along, across)
+        for _ in range(10):
+            self.velocity += (self.command - self.velocity) * (PERIOD_S / 10) / RESPONSE_TIME_S
+            self.place += self.velocity * PERIOD_S / 10
+        self.time_s += PERIOD_S
+        return False
+
+    command = 0j
+
+    def fly(self, limit_s: float = 90.0) -> float:
+        """Fly to the end and return how far from it the receiver stands, m."""
+        while not self.step():
+            assert self.time_s < 1000.0 + limit_s, "the leg did not end"
+        return abs(self.place - self.monitor.leg.end)
+
+
+LEGS = {
+    "towards": a_leg(80 + 90j, 50 + 56.25j, "L0"),
+    "away": a_leg(30 + 40j, 60 + 80j, "L0"),
+    "along the other guide": a_leg(60 + 120j, 80 + 60j, "L1"),
+    "own stop reference": a_leg(30 + 40j, 60 + 80j, "L0", ("L1", "U7")),
+    "angles near the seam": a_leg(20 + 2j, 60 + 6j, "L0"),
+    "no length at all": a_leg(60 + 80j, 60 + 80j, "L0"),
+}
+
+
+@pytest.mark.parametrize("leg", LEGS.values(), ids=LEGS.keys())
+def test_a_leg_ends_where_its_angle_says(leg: Leg) -> None:
+    assert Flight(leg, sigma_deg=0.02, seed=1).fly() < 0.25
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_costs_no_more_than_geometry_forces(seed: int) -> None:
+    """At 0.1 degree the stop reference sees 0.14 degree of noise: 0.25 m across a sight line of 100 m."""
+    assert Flight(LEGS["away"], sigma_deg=0.1, seed=seed).fly() < 0.8
+
+
+def test_a_receiver_off_its_line_is_brought_back() -> None:
+    leg = LEGS["away"]
+    flight = Flight(leg, 0.02, 3, start=leg.start + 1.5j)
+    assert flight.fly() < 0.25
+
+
+def test_never_on_one_sample() -> None:
+    """A single report that shows the stop angle, in the middle of the leg, does not end it."""
+    leg = LEGS["away"]
+    flight = Flight(leg, 0.05, 4, rule=ArrivalRule(band_m=5.0, dwell_s=0.3, on_line=False))
+    for _ in range(20):
+        assert not flight.step()
+    at_the_end = {name: cmath.phase(at - leg.end) for name, at in PLACES.items()}
+    assert abs(flight.place - leg.end) > 20.0
+    assert not flight.step(at_the_end)
+    assert not flight.monitor.dwelling
+
+
+@pytest.mark.parametrize("jump_deg", [10.0, 45.0, 180.0])
+def test_multipath_jumps_are_rejected_and_counted(jump_deg: float) -> None:
+    flight = Flight(LEGS["away"], 0.1, 5)
+    while not flight.step():
+        if flight.noise.random() < 0.05:
+            wrong = {name: wrap(angle + math.radians(jump_deg)) for name, angle in flight.directions().items()}
+            wrong["L1"] = flight.directions()["L1"]
+            before = flight.monitor.outliers
+            assert not flight.observe(wrong)
+            assert flight.monitor.outliers == before + 1
+    assert abs(flight.place - flight.monitor.leg.end) < 0.8
+
+
+def test_reports_that_keep_agreeing_win_over_the_prediction() -> None:
+    """The vehicle was shoved 15 m: the first reports look like outliers, then the filter believes them."""
+    flight = Flight(LEGS["away"], 0.1, 6)
+    for _ in range(15):
+        flight.step()
+    flight.place += 15 * flight.monitor.course
+    assert not flight.observe(flight.directions())
+    assert flight.fly() < 0.8
+
+
+def test_bearings_late_or_out_of_order_do_not_turn_time_back() -> None:
+    flight = Flight(LEGS["away"], 0.02, 7)
+    for _ in range(10):
+        flight.step()
+    before = flight.monitor.estimate(flight.time_s)
+    flight.monitor.observe(flight.time_s - 0.3, flight.directions(), dict.fromkeys(PLACES, 1e-3))
+    after = flight.monitor.estimate(flight.time_s)
+    assert after.remaining_m == pytest.approx(before.remaining_m, abs=0.5)
+
+
+def test_without_reports_the_estimate_follows_the_command_and_grows_unsure() -> None:
+    flight = Flight(LEGS["away"], 0.1, 8)
+    flight.monitor.commanded(flight.time_s, 2.0, 0.0)
+    soon, later = (flight.monitor.estimate(flight.time_s + after) for after in (0.5, 5.0))
+    assert soon.remaining_m - later.remaining_m == pytest.approx(2.0 * 4.5, rel=0.2)
+    assert later.remaining_sigma_m > soon.remaining_sigma_m
+
+
+def test_the_place_and_its_covariance_come_from_the_bearings() -> None:
+    flight = Flight(LEGS["away"], 0.05, 9)
+    flight.fly()
+    place, covariance = flight.monitor.place()
+    assert abs(place - flight.place) < 0.3
+    assert np.allclose(covariance, covariance.T)
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
+    assert math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])) < 0.3
+
+
+@pytest.mark.parametrize(("rule", "ends"), [(TURN, True), (SLOT, False)])
+def test_a_turning_point_may_be_passed_off_the_line_a_slot_may_not(rule: ArrivalRule, ends: bool) -> None:
+    leg = LEGS["away"]
+    beside = leg.end + 1j * leg.end / abs(leg.end)
+    monitor = StopMonitor(leg, PLACES, beside, np.eye(2) * 1e-4, 1000.0, rule)
+    directions = {name: cmath.phase(at - beside) for name, at in PLACES.items()}
+    held = []
+    for k in range(20):
+        monitor.observe(1000.0 + k * PERIOD_S, directions, dict.fromkeys(PLACES, 1e-3))
+        held.append(monitor.arrived(1000.0 + k * PERIOD_S))
+    assert any(held) is ends
+
+
+estimates = st.builds(
+    LegEstimate,
+    st.floats(-200.0, 200.0),
+    st.floats(-50.0, 50.0),
+    st.floats(-10.0, 10.0),
+    st.floats(0.0, 10.0),
+)
+
+
+@given(estimates)
+def test_no_command_is_faster_than_the_limit(estimate: LegEstimate) -> None:
+    along, across = leg_velocity(estimate, LIMITS)
+    assert math.hypot(along, across) <= LIMITS.speed_mps + 1e-9
+    assert along * estimate.remaining_m >= 0.0  # never away from the end
+    assert across * estimate.cross_track_m <= 0.0  # never away from the line
+
+
+@settings(max_examples=30)
+@given(st.floats(0.5, 80.0))
+def test_the_taper_leaves_room_to_stop(remaining_m: float) -> None:
+    """From the commanded speed the vehicle stops, at its full deceleration, before the end."""
+    along, _ = leg_velocity(LegEstimate(remaining_m, 0.0, 0.0, 0.1), LIMITS)
+    assert along**2 / (2 * LIMITS.deceleration_mps2) <= remaining_m
