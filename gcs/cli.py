@@ -175,7 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; every known failure is one message on standard error and exit status 2."""
     complain = Console(stderr=True)
     try:
-        app(args=list(arguments) if arguments is not None else None)
+        app(args=list(arguments) if arguments is not None else None, prog_name="bearing-relay")
     except KeyboardInterrupt:
         sys.exit(130)
     except BaseException as error:  # the last line of defence: no traceback reaches a user

@@ -1,0 +1,179 @@
+"""A field in miniature for faults: the real command against three copters, with a tap on the wire to one of them.
+
+Everything is a process of its own and runs in real time: the bus router, the sensors, the copters and the service. The
+service attaches to them by links in its playbook, as it would to vehicles it did not start.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.aoa.simulated import SensorSettings
+from drivers.bus.keys import SwarmKeys
+from drivers.bus.messages import SensorFault, encode
+from drivers.bus.session import BusEndpoint, open_bus
+from drivers.simulation.launcher import CopterSpec, ProcessGroup, SimulatedTime, free_tcp_port, process_group
+from gcs.playbook.loader import load_playbook
+from planner.frames import SiteFrame
+
+PLAYBOOK = """\
+playbook: 1
+name: field
+formation: {{kind: custom, slots: {{O1: [70, 60]}}}}
+transmitters:
+  L0: {{at: [0, 0]}}
+  L1: {{at: [100, 0]}}
+receivers:
+  U1: {{start: [20, 30]}}
+vehicles:
+  L0: {{link: 'udpin:127.0.0.1:{l0}', system_id: 1}}
+  L1: {{link: 'udpin:127.0.0.1:{l1}', system_id: 2}}
+  U1: {{link: 'udpin:127.0.0.1:{u1}', system_id: 3}}
+flight: {{altitude_m: 4, speed_mps: 4, give_up_s: 2}}
+bus: {{router: '{bus}'}}
+"""
+
+
+class Wire(asyncio.DatagramProtocol):
+    """A tap between one copter and the service: passes every datagram on and notes the velocities commanded."""
+
+    def __init__(self, service: tuple[str, int]) -> None:
+        self.velocities: list[tuple[float, float]] = []
+        """(wall time, s; commanded horizontal speed, m/s) of every setpoint the service sent."""
+        self._service = service
+        self._copter: tuple[str, int] | None = None
+        self._codec = mavlink.MAVLink(None)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        if addr != self._service:
+            self._copter = addr
+            self.transport.sendto(data, self._service)
+            return
+        message = self._codec.decode(bytearray(data))
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            self.velocities.append((time.monotonic(), math.hypot(message.vx, message.vy)))
+        if self._copter is not None:
+            self.transport.sendto(data, self._copter)
+
+    def error_received(self, exc: Exception) -> None:
+        """The service has gone: nothing to do."""
+
+
+@dataclass
+class Field:
+    """The running field."""
+
+    group: ProcessGroup
+    wire: Wire
+    endpoint: str
+    service: asyncio.subprocess.Process
+    runs_dir: Path
+    lines: list[str] = field(default_factory=list)
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < deadline_s, "\n".join(["not in time; the service said:", *self.lines])
+            assert self.service.returncode is None, "\n".join(["the service ended:", *self.lines])
+            await asyncio.sleep(0.02)
+
+    async def until_moving(self) -> None:
+        """Return when the receiver is under way at speed."""
+        await self.until(lambda: bool(self.wire.velocities) and self.wire.velocities[-1][1] > 2.0, 60.0)
+
+    async def ended(self, timeout_s: float = 20.0) -> int:
+        """Return the service's exit status."""
+        await asyncio.wait_for(self.service.wait(), timeout_s)
+        await asyncio.sleep(0.1)
+        assert self.service.returncode is not None
+        return self.service.returncode
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        self.group.processes[name].send_signal(number)
+
+    async def silence(self, receiver: str) -> None:
+        async with open_bus(BusEndpoint(self.endpoint)) as bus:
+            bus.put_reliably(SwarmKeys("field").sensor_fault(receiver), encode(SensorFault(silent=True)))
+            await asyncio.sleep(0.2)
+
+    def fastest_after(self, time_s: float) -> float:
+        """The fastest velocity commanded after a (monotonic) time, m/s; 0 when none was."""
+        return max((speed for at, speed in self.wire.velocities if at > time_s), default=0.0)
+
+    def said(self) -> str:
+        return " ".join(" ".join(self.lines).split())
+
+    def report(self) -> dict:
+        return json.loads(next(self.runs_dir.glob("*/report.json")).read_text())
+
+
+@contextlib.asynccontextmanager
+async def open_field(folder: Path) -> AsyncIterator[Field]:
+    """Open the field and start flying; everything in it ends with the block."""
+    loop = asyncio.get_running_loop()
+    ports = {"l0": free_udp_port(), "l1": free_udp_port(), "u1": free_udp_port()}
+    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
+    path = folder / "field.yaml"
+    path.write_text(PLAYBOOK.format(bus=endpoint, **ports))
+    playbook = load_playbook(path)
+    site, frame = SiteFrame(playbook.site.origin), playbook.site.frame
+    wire = Wire(("127.0.0.1", ports["u1"]))
+    transport, _ = await loop.create_datagram_endpoint(lambda: wire, local_addr=("127.0.0.1", 0))
+    tapped = {**ports, "u1": transport.get_extra_info("sockname")[1]}
+    time_now = SimulatedTime(1.0, time.time_ns())
+    async with process_group(folder) as group:
+        await group.start("router", ["-m", "drivers.bus.router", endpoint, "--parent-pid", str(os.getpid())])
+        for system_id, (name, start) in enumerate(playbook.uavs.items(), start=1):
+            home = site.to_geodetic(frame.to_site(start))
+            spec = CopterSpec(name, system_id, tapped[name.lower()], home)
+            await group.start(name, spec.arguments(time_now, os.getpid()))
+        settings = SensorSettings(
+            swarm="field", endpoint=endpoint, receivers=["U1"], beacons={}, sigma_rad=math.radians(0.1), rate_hz=10.0,
+            latency_s=0.1, drop_out=0.0, seed=1, speedup=1.0, epoch_ns=time_now.epoch_ns, parent_pid=os.getpid(),
+        )  # fmt: skip
+        await asyncio.sleep(1.0)  # the router has to listen before the sensors look for it
+        await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))
+        service = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gcs.cli", "fly", str(path), "--runs-dir", str(folder / "runs")),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+        )
+        running = Field(group, wire, endpoint, service, folder / "runs")
+        reader = asyncio.create_task(_read_lines(service, running.lines))
+        try:
+            yield running
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                service.kill()
+            await service.wait()
+            await reader
+            transport.close()
+
+
+async def _read_lines(process: asyncio.subprocess.Process, lines: list[str]) -> None:
+    assert process.stdout is not None
+    while line := await process.stdout.readline():
+        lines.append(line.decode().rstrip())
+
+
+def free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,122 @@
+"""The terminal shows who flies what, how far it has to go, and what is wrong."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+
+import pytest
+from rich.console import Console
+
+from gcs.monitor.terminal import progress_view, result_lines, result_table, show_progress
+from gcs.relay.records import LegRecord, ReceiverRecord
+from gcs.relay.states import ReceiverState
+from gcs.status import RunStatus
+from gcs.stop_monitor import LegEstimate
+from planner.methods.paper import plan
+from planner.relay import RelayProblem
+from tests.fakes import ManualClock
+
+
+@pytest.fixture
+def status() -> RunStatus:
+    relay = plan(RelayProblem({"L0": 0j, "L1": 100 + 0j}, {"U1": 40 + 70j}, {"O1": 70 + 60j}))
+    clock = ManualClock()
+    status = RunStatus("test", clock, phase="relay", on_air=frozenset({"L0", "L1"}))
+    clock.jump(12.0)
+    record = ReceiverRecord(relay.routes[0], ReceiverState.LEG_1)
+    leg = LegRecord(relay.routes[0].legs[0], 0.0, estimate=LegEstimate(7.4, -0.6, 3.0, 0.2), measured_angle_rad=1.0)
+    record.legs.append(leg)
+    status.records = {"U1": record}
+    return status
+
+
+def shown(what: object, width: int = 100) -> str:
+    console = Console(file=io.StringIO(), width=width, force_terminal=False)
+    console.print(what)
+    return console.file.getvalue()
+
+
+def test_the_view_shows_the_leg_in_flight(status: RunStatus) -> None:
+    status.say("U1 LEG_1: no bearing report from its sensor for 0.5 s: zero velocity")
+    text = shown(progress_view(status))
+    for words in (
+        "test  relay  12 s  0/1 placed",
+        "L0, L1",
+        "U1",
+        "O1",
+        "LEG_1",
+        "towards L0",
+        "57.30",
+        "7.4",
+        "-0.6",
+        "zero velocity",
+    ):
+        assert words in text
+
+
+def test_the_view_fits_80_columns(status: RunStatus) -> None:
+    assert max(map(len, shown(progress_view(status), width=80).splitlines())) <= 80
+
+
+def test_between_legs_and_with_nobody_on_the_air(status: RunStatus) -> None:
+    status.on_air = frozenset()
+    status.records["U1"].legs[0].ended_s = 3.0
+    text = shown(progress_view(status))
+    assert "nobody" in text
+    assert "7.4" not in text
+
+
+async def test_without_a_terminal_every_message_is_a_line_once(status: RunStatus) -> None:
+    console = Console(file=io.StringIO(), width=100)
+    status.say("first")
+    screen = asyncio.create_task(show_progress(console, status))
+    await asyncio.sleep(0)
+    status.say("second")
+    screen.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await screen
+    assert console.file.getvalue().splitlines() == ["   12.0 s  first", "   12.0 s  second"]
+
+
+async def test_on_a_terminal_the_view_is_live_and_leaves_nothing_behind(status: RunStatus) -> None:
+    console = Console(file=io.StringIO(), width=100, force_terminal=True)
+    screen = asyncio.create_task(show_progress(console, status))
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert "LEG_1" in console.file.getvalue()
+    screen.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await screen
+
+
+REPORT = {
+    "playbook": "test",
+    "outcome": "aborted",
+    "planned_total_length_m": 100.0,
+    "flown_total_length_m": 50.0,
+    "straight_line_bound_m": 80.0,
+    "min_separation_m": None,
+    "duration_s": 61.0,
+    "emission_transmitter_s": 122.0,
+    "bearing_reports": {"received": 500, "stale": 3, "out_of_order": 0, "malformed": 0, "unknown_sender": 0},
+    "receivers": [
+        {
+            "name": "U1", "slot": "O1", "state": "HELD", "route_model": "I", "placement_error_m": None,
+            "legs": [
+                {"planned_length_m": 60.0, "flown_length_m": 50.0, "stop_angle_error_deg": -0.25},
+                {"planned_length_m": 40.0, "flown_length_m": None, "stop_angle_error_deg": None},
+            ],
+        }
+    ],
+}  # fmt: skip
+
+
+def test_the_result_table_and_its_totals() -> None:
+    table = shown(result_table(REPORT))
+    for words in ("test: aborted", "HELD", "100.00", "50.00", "-0.250"):
+        assert words in table
+    lines = "\n".join(result_lines(REPORT))
+    assert "planned 100.00 m, flown 50.00 m (straight lines: 80.00 m)" in lines
+    assert "500 bearing reports (3 stale)" in lines
+    assert "closest approach –" in lines

@@ -1,0 +1,80 @@
+"""Faults in mid-leg, with real processes: zero velocity on the wire within a second, a message, a clean end."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.gcs.field import open_field
+
+pytestmark = pytest.mark.slow
+
+ZERO = pytest.approx(0.0, abs=1e-6)
+
+
+async def test_the_field_without_a_fault_forms(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        assert await field.ended(90.0) == 0, field.lines
+        report = field.report()
+        assert report["outcome"] == "formed"
+        assert report["receivers"][0]["placement_error_m"] < 1.0
+
+
+async def test_killing_the_bus_mid_leg(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        await field.until_moving()
+        field.signal("router", signal.SIGKILL)
+        killed_s = time.monotonic()
+        assert await field.ended() == 1
+        assert field.wire.velocities[-1][0] > killed_s
+        assert field.fastest_after(killed_s + 1.0) == ZERO
+        assert "the bus router cannot be reached" in field.said()
+        assert field.report()["receivers"][0]["state"] == "HELD"
+
+
+async def test_silencing_the_sensor_mid_leg(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        await field.until_moving()
+        await field.silence("U1")
+        silenced_s = time.monotonic()
+        assert await field.ended() == 1
+        assert field.wire.velocities[-1][0] > silenced_s
+        assert field.fastest_after(silenced_s + 1.0) == ZERO
+        assert "no bearing report from its sensor" in field.said()
+
+
+async def test_freezing_the_copter_mid_leg(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        await field.until_moving()
+        field.signal("U1", signal.SIGSTOP)
+        frozen_s = time.monotonic()
+        assert await field.ended() == 1
+        assert field.wire.velocities[-1][0] > frozen_s
+        assert field.fastest_after(frozen_s + 1.0) == ZERO
+        assert "no telemetry for" in field.said()
+
+
+async def test_ctrl_c_mid_leg(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        await field.until_moving()
+        field.service.send_signal(signal.SIGINT)
+        interrupted_s = time.monotonic()
+        assert await field.ended() == 1
+        assert field.wire.velocities[-1][0] > interrupted_s - 0.2
+        assert field.wire.velocities[-1][1] == ZERO
+        assert field.fastest_after(interrupted_s + 0.5) == ZERO
+        assert "stopped by the operator" in field.said()
+        assert field.report()["outcome"] == "aborted"
+
+
+async def test_a_copter_that_never_answers(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        field.signal("L1", signal.SIGKILL)
+        assert await field.ended(60.0) == 1
+        assert "L1 on udpin:127.0.0.1:" in field.said()
+        assert "no heartbeat within" in field.said()
+        assert field.report()["outcome"] == "failed"
+        assert not field.wire.velocities
