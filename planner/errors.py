@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from planner.plan import RelayPlan
 
 
 class PlannerError(ValueError):
@@ -30,10 +34,14 @@ class Obstruction:
 
 
 class InfeasiblePlanError(PlannerError):
-    """No assignment serves every receiver; `obstructions` says which receiver and slot, and why."""
+    """No assignment serves every receiver; `obstructions` says which receiver and slot, and why.
 
-    def __init__(self, obstructions: tuple[Obstruction, ...], way_out: str) -> None:
+    Where only the accuracy tolerance cannot be met, `best` is the plan that comes nearest to it.
+    """
+
+    def __init__(self, obstructions: tuple[Obstruction, ...], way_out: str, best: RelayPlan | None = None) -> None:
         self.obstructions = obstructions
+        self.best = best
         self.way_out = way_out
         listed = "\n".join(f"  {obstruction}" for obstruction in obstructions)
         super().__init__(f"no feasible relay plan:\n{listed}\n{way_out}")

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from planner.errors import ProblemError
 from planner.plan import Route
+
+Objective = Literal["length", "makespan", "emission", "balanced"]
 
 
 @dataclass(frozen=True)
 class RelayProblem:
     """What is to be planned: who transmits from the start, who receives and from where, and which slots to fill.
 
-    Points are in the formation frame, m; mappings keep their order, and slots come in relay order. Raises ProblemError
-    when it is no problem that could be planned.
+    Points are in the formation frame, m; mappings keep their order, and slots come in relay order. With more receivers
+    than slots a method may leave receivers waiting at their starts; with fewer, slots free. Raises ProblemError when it
+    is no problem that could be planned.
     """
 
     transmitters: Mapping[str, complex]
@@ -24,6 +29,26 @@ class RelayProblem:
     min_separation_m: float = 5.0
     speed_mps: float = 5.0
     stop_s: float = 3.0
+    objective: Objective = "length"
+    bearing_sigma_rad: float = math.radians(0.5)
+    """Noise of one bearing sample."""
+    samples: int = 10
+    """Independent samples averaged in one bearing (k)."""
+    start_sigma_m: float = 1.0
+    """Error of a receiver's located start, per axis."""
+    heading_referenced: bool = False
+    """Whether bearings are north-referenced; otherwise only differences of bearings are known."""
+    tolerance_3sigma_m: float | None = None
+    """Largest predicted placement error along its worst axis, three sigma; None: no limit."""
+    map_trim: bool = False
+    """Whether every placement is followed by the maximum-a-posteriori trim leg, and predicted with it."""
+    max_leg_m: float | None = None
+    fence: tuple[complex, ...] = ()
+    """Corners of the polygon no leg may leave; empty: no fence."""
+    obstacles: Mapping[str, complex] = field(default_factory=dict)
+    """What else stands in the air and is kept at the separation."""
+    ground_transmitters: frozenset[str] = frozenset()
+    """Transmitters that are beacons on the ground: flown over, no separation."""
 
     def __post_init__(self) -> None:
         if len(self.transmitters) < 2:
@@ -33,27 +58,45 @@ class RelayProblem:
             )
         if not self.receivers:
             raise ProblemError("the relay needs at least one receiver")
-        if len(self.receivers) > len(self.slots):
-            raise ProblemError(
-                f"{len(self.receivers)} receivers but only {len(self.slots)} slots: add slots or take UAVs out"
-            )
+        if not self.slots:
+            raise ProblemError("the relay needs at least one slot")
         for kind, points in (("transmitter", self.transmitters), ("receiver", self.receivers), ("slot", self.slots)):
             _require_apart(kind, points)
+        _require_finite("obstacle", self.obstacles)
+        _require_finite("fence corner", {str(k): corner for k, corner in enumerate(self.fence)})
         if shared := self.transmitters.keys() & self.receivers.keys():
             raise ProblemError(f"{', '.join(sorted(shared))}: a UAV is either a transmitter or a receiver at the start")
+        if unknown := self.ground_transmitters - self.transmitters.keys():
+            raise ProblemError(f"{', '.join(sorted(unknown))}: a ground transmitter must be one of the transmitters")
+        if self.objective not in get_args(Objective):
+            raise ProblemError(f"objective is {self.objective!r}: it must be one of {', '.join(get_args(Objective))}")
+        if 0 < len(self.fence) < 3:
+            raise ProblemError(f"a fence needs three corners, not {len(self.fence)}")
+        self._require_numbers()
+
+    def _require_numbers(self) -> None:
         for name, value, least in (
             ("min_separation_m", self.min_separation_m, 0.0),
             ("stop_s", self.stop_s, 0.0),
             ("speed_mps", self.speed_mps, 1e-6),
+            ("bearing_sigma_rad", self.bearing_sigma_rad, 0.0),
+            ("samples", self.samples, 1),
+            ("start_sigma_m", self.start_sigma_m, 0.0),
+            ("tolerance_3sigma_m", self.tolerance_3sigma_m, 0.0),
+            ("max_leg_m", self.max_leg_m, 0.0),
         ):
-            if not least <= value < float("inf"):
+            if value is not None and not least <= value < math.inf:
                 raise ProblemError(f"{name} is {value}: it must be a finite number of at least {least:g}")
 
 
-def _require_apart(kind: str, points: Mapping[str, complex]) -> None:
+def _require_finite(kind: str, points: Mapping[str, complex]) -> None:
     for name, point in points.items():
         if not cmath.isfinite(point):
             raise ProblemError(f"{kind} {name} lies at {point}: coordinates must be finite")
+
+
+def _require_apart(kind: str, points: Mapping[str, complex]) -> None:
+    _require_finite(kind, points)
     names: dict[complex, str] = {}
     for name, point in points.items():
         if (other := names.setdefault(point, name)) != name:

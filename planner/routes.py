@@ -107,6 +107,46 @@ def two_leg_routes(
     return TwoLegRoutes(np.where(feasible, turning, d), np.where(feasible, first_m + second_m, 0.0), verdict)
 
 
+def general_routes(
+    start: ArrayLike,
+    target: ArrayLike,
+    first_guide: ArrayLike,
+    second_guide: ArrayLike,
+    min_separation_m: float = 0.0,
+) -> TwoLegRoutes:
+    """Return `two_leg_routes` of which no leg passes through its own guide, whatever the separation.
+
+    Points broadcast: starts (n, 1, 1, 1), targets (m, 1, 1), first guides (t, 1) and second guides (t) give the routes
+    of every receiver to every slot by every ordered pair of transmitters. A route along a single line of bearing
+    (guide on the line start-target) has one leg of length 0.
+    """
+    routes = two_leg_routes(start, target, first_guide, second_guide, min_separation_m)
+    d, o, a, b = (np.asarray(p, dtype=np.complex128) for p in (start, target, first_guide, second_guide))
+    turning = routes.turning_point
+    through = (np.real(np.conj(d - a) * (turning - a)) < 0.0) | (np.real(np.conj(o - b) * (turning - b)) < 0.0)
+    verdict = np.where(through & routes.feasible, np.int8(Verdict.TOO_CLOSE), routes.verdict)
+    feasible = verdict == Verdict.FEASIBLE
+    return TwoLegRoutes(np.where(feasible, turning, d), np.where(feasible, routes.length_m, 0.0), verdict)
+
+
+def half_angle_tangents(
+    start: ArrayLike, target: ArrayLike, guide: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return p = tan(a/2) of every guide for leg 1 and q = tan(b/2) for leg 2; arguments broadcast.
+
+    a and b are the angles at the start and at the target of the triangle start, F, target on the left of the way from
+    start to target; a route by guides A and B is (1 + x) / (1 - x) times as long as the straight line, x the smaller of
+    p_A q_B (turning left of it) and its inverse (turning right). So the best pair is (min p)(min q) or (max p)(max q).
+    Kept within 1e-12 .. 1e12; for a target equal to the start every tangent is 1e-12.
+    """
+    d, o, g = (np.asarray(z, dtype=np.complex128) for z in (start, target, guide))
+    direct = o - d
+    p = np.tan(np.mod(np.angle((g - d) * np.conj(direct)), np.pi) / 2)
+    q = np.tan((np.pi - np.mod(np.angle((g - o) * np.conj(direct)), np.pi)) / 2)
+    least, most = 1e-12, 1e12
+    return np.clip(p, least, most), np.where(direct == 0.0, least, np.clip(q, least, most))
+
+
 def distance_to_segment(begin: ArrayLike, end: ArrayLike, point: ArrayLike) -> NDArray[np.float64]:
     """Return the distance from `point` to the segment begin-end, m; arguments broadcast, a segment may be a point."""
     p, q, x = (np.asarray(z, dtype=np.complex128) for z in (begin, end, point))

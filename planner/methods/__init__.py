@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from planner.methods import paper
+from planner.methods import joint, paper
 from planner.plan import RelayPlan
 from planner.relay import RelayProblem
 
@@ -12,6 +12,7 @@ PlanningMethod = Callable[[RelayProblem], RelayPlan]
 
 METHODS: dict[str, PlanningMethod] = {
     "paper": paper.plan,
+    "joint": joint.plan,
 }
 
 DEFAULT_METHOD = "paper"

@@ -88,8 +88,8 @@ def lattice() -> ProblemMaker:
 
 
 def _path(route: Route) -> np.ndarray:
-    """Points along a route, at most 0.05 units apart, with every corner."""
-    pieces = [np.linspace(leg.start, leg.end, 2 + int(leg.length_m / 0.05)) for leg in route.legs] or [
+    """Points along a route, at most a quarter unit apart, with every corner."""
+    pieces = [np.linspace(leg.start, leg.end, 2 + int(leg.length_m / 0.25)) for leg in route.legs] or [
         np.array([route.start])
     ]
     return np.concatenate(pieces)

@@ -40,13 +40,14 @@ def shown(what: object, width: int = 100) -> str:
 def test_the_view_shows_the_leg_in_flight(status: RunStatus) -> None:
     status.say("U1 LEG_1: no bearing report from its sensor for 0.5 s: zero velocity")
     text = shown(progress_view(status))
+    leg = status.records["U1"].legs[0].leg
     for words in (
         "test  relay  12 s  0/1 placed",
         "L0, L1",
         "U1",
         "O1",
         "LEG_1",
-        "towards L0",
+        f"{leg.direction} {leg.guide}",
         "57.30",
         "7.4",
         "-0.6",
