@@ -1,0 +1,417 @@
+"""Simulated sensors: as noisy, late and lossy as they were told to be, and deaf where a real one would be."""
+
+import asyncio
+import cmath
+import contextlib
+import itertools
+import math
+import os
+import random
+import statistics
+import sys
+
+import msgspec
+import pytest
+
+from drivers.aoa.sensor import SensorModel
+from drivers.aoa.simulated import LEAST_SIGMA_RAD, SensorSettings, SimulatedSensor, run_sensors
+from drivers.bus.keys import SwarmKeys
+from drivers.bus.messages import BearingReport, Emission, PositionReport, SensorFault, decode, encode
+from drivers.bus.session import BusEndpoint, open_bus
+from drivers.clock import SystemClock
+from drivers.simulation.launcher import free_tcp_port
+from tests.fakes import FakeBus, ManualClock, settle
+
+KEYS = SwarmKeys("test")
+SIGMA_RAD = math.radians(0.5)
+BEACONS = {"L0": (0.0, 0.0), "L1": (100.0, 0.0)}
+NO_NOISE = SensorSettings(
+    swarm="test",
+    endpoint="",
+    receivers=["U1", "U2"],
+    beacons=BEACONS,
+    sigma_rad=0.0,
+    rate_hz=10.0,
+    latency_s=0.1,
+    drop_out=0.0,
+    seed=1,
+    speedup=1.0,
+    epoch_ns=0,
+    parent_pid=0,
+)
+
+
+def sensor(*, sigma_rad=SIGMA_RAD, drop_out=0.0, seed="1/U1"):
+    return SimulatedSensor(SensorModel(sigma_rad, drop_out=drop_out), random.Random(seed))
+
+
+def azimuth_error_rad(azimuth_rad, true_rad):
+    return math.remainder(azimuth_rad - true_rad, math.tau)
+
+
+def errors_of(reports, true_rad):
+    return [azimuth_error_rad(report.bearings[0].azimuth_rad, true_rad) for report in reports]
+
+
+@pytest.mark.parametrize("true_deg", [0.0, 90.0, 180.0, 270.0, 37.0])
+def test_the_noise_has_the_sigma_it_claims_and_no_bias_also_where_the_circle_closes(true_deg):
+    measuring, count = sensor(), 4000
+    place = cmath.rect(80.0, math.radians(true_deg))
+    reports = [measuring.measure(number, 3 + 4j, {"L0": 3 + 4j + place}) for number in range(count)]
+    errors = errors_of(reports, math.radians(true_deg))
+    assert abs(statistics.fmean(errors)) < 4 * SIGMA_RAD / math.sqrt(count)
+    assert statistics.pstdev(errors) == pytest.approx(SIGMA_RAD, rel=4 / math.sqrt(2 * count))
+    share_within_sigma = sum(abs(error) < SIGMA_RAD for error in errors) / count
+    assert share_within_sigma == pytest.approx(0.6827, abs=0.03)
+    assert {report.bearings[0].sigma_rad for report in reports} == {SIGMA_RAD}
+    assert all(0.0 <= report.bearings[0].azimuth_rad <= math.tau for report in reports)
+
+
+def test_the_noise_of_successive_reports_and_of_two_transmitters_is_independent():
+    measuring, count = sensor(), 4000
+    reports = [measuring.measure(number, 0j, {"L0": 10 + 0j, "L1": 10j}) for number in range(count)]
+    first = errors_of(reports, 0.0)
+    second = [azimuth_error_rad(report.bearings[1].azimuth_rad, math.pi / 2) for report in reports]
+    assert abs(statistics.correlation(first[:-1], first[1:])) < 4 / math.sqrt(count)
+    assert abs(statistics.correlation(first, second)) < 4 / math.sqrt(count)
+
+
+def test_the_same_seed_measures_the_same_and_another_does_not():
+    def measured(seed):
+        measuring = sensor(seed=seed, drop_out=0.3)
+        return [measuring.measure(number, 1j, {"L0": 10 + 0j}) for number in range(50)]
+
+    assert measured("1/U1") == measured("1/U1")
+    assert measured("1/U1") != measured("1/U2")
+    assert measured("1/U1") != measured("2/U1")
+
+
+def test_a_sensor_without_noise_is_exact_and_still_claims_no_perfection():
+    report = sensor(sigma_rad=0.0).measure(77, 10 + 10j, {"L0": 0j})
+    (bearing,) = report.bearings
+    assert bearing.azimuth_rad == pytest.approx(math.radians(225))
+    assert bearing.sigma_rad == LEAST_SIGMA_RAD
+    assert (report.captured_ns, report.reference) == (77, "true_north")
+
+
+def test_the_share_of_reports_that_drop_out_is_the_one_asked_for_and_leaves_gaps_in_the_sequence():
+    measuring, count = sensor(drop_out=0.3), 5000
+    reports = [measuring.measure(number, 0j, {"L0": 1 + 0j}) for number in range(count)]
+    kept = [report for report in reports if report is not None]
+    assert len(kept) / count == pytest.approx(0.7, abs=4 * math.sqrt(0.3 * 0.7 / count))
+    assert [report.sequence for report in kept] == [report.captured_ns + 1 for report in kept]
+
+
+def test_everything_drops_out_at_one_and_nothing_at_zero():
+    assert all(sensor(drop_out=1.0).measure(0, 0j, {"L0": 1j}) is None for _ in range(50))
+    lossless = sensor(drop_out=0.0)
+    assert all(lossless.measure(0, 0j, {"L0": 1j}) is not None for _ in range(50))
+
+
+def test_where_nothing_transmits_there_is_no_report():
+    assert sensor().measure(0, 0j, {}) is None
+
+
+class World:
+    """Sensors at work on a bus in memory; positions are repeated every 0.1 s for as long as they are in `places`."""
+
+    def __init__(self, settings=NO_NOISE):
+        self.bus, self.clock = FakeBus(), ManualClock()
+        self.settings = settings
+        self.places = {"U1": 50 + 50j}
+        self.velocities = {}
+
+    @contextlib.asynccontextmanager
+    async def running(self):
+        task = asyncio.create_task(run_sensors(self.settings, self.bus, self.clock))
+        await settle()
+        try:
+            yield self
+            assert not task.done(), "the sensors ended"
+        finally:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    def emit(self, name, *, on=True):
+        self.bus.put_reliably(KEYS.emission(name), encode(Emission(on)))
+
+    def put_position(self, name, place, velocity=0j, age_s=0.0):
+        time_ns = self.clock.unix_ns() - round(age_s * 1e9)
+        report = PositionReport(time_ns, place.real, place.imag, -10.0, velocity.real, velocity.imag)
+        self.bus.put_latest(KEYS.position(name), encode(report))
+
+    async def let_pass(self, duration_s):
+        for _ in range(round(duration_s / 0.1)):
+            for name, place in self.places.items():
+                self.put_position(name, place, self.velocities.get(name, 0j))
+            await self.clock.advance(0.1)
+
+    def reports(self, name="U1"):
+        return [decode(payload, BearingReport) for payload in self.bus.payloads(KEYS.bearings(name))]
+
+    def heard(self, name="U1"):
+        """Return whom the last report of a sensor hears."""
+        return {bearing.transmitter for bearing in self.reports(name)[-1].bearings}
+
+
+@pytest.fixture
+def make_world():
+    return World
+
+
+@pytest.fixture
+async def world():
+    async with World().running() as world:
+        yield world
+
+
+def with_settings(**changes):
+    return msgspec.structs.replace(NO_NOISE, **changes)
+
+
+async def test_a_receiver_hears_the_beacons_that_emit_where_they_are(world):
+    world.emit("L0")
+    world.emit("L1")
+    await world.let_pass(1.0)
+    bearings = {bearing.transmitter: bearing.azimuth_rad for bearing in world.reports()[-1].bearings}
+    assert bearings == pytest.approx({"L0": math.radians(225), "L1": math.radians(315)})
+    assert KEYS.bearings("U1") in world.bus.urgent_keys
+
+
+async def test_silent_transmitters_are_not_heard(world):
+    world.emit("L0")
+    await world.let_pass(0.5)
+    assert world.heard() == {"L0"}
+    world.emit("L1")
+    world.emit("L0", on=False)
+    await world.let_pass(0.5)
+    assert world.heard() == {"L1"}
+    world.emit("L1", on=False)
+    await world.let_pass(0.3)
+    left = len(world.reports())
+    await world.let_pass(1.0)
+    assert len(world.reports()) == left
+
+
+async def test_a_receiver_never_hears_itself_but_others_that_emit(world):
+    world.places["U2"] = 50 + 150j
+    for name in ("L0", "U1", "U2"):
+        world.emit(name)
+    await world.let_pass(0.5)
+    assert world.heard("U1") == {"L0", "U2"}
+    assert world.heard("U2") == {"L0", "U1"}
+
+
+async def test_whoever_emitted_before_the_sensors_started_is_heard(make_world):
+    world = make_world()
+    world.emit("L0")
+    async with world.running():
+        await world.let_pass(0.5)
+        assert world.heard() == {"L0"}
+
+
+async def test_reports_come_at_the_rate_each_after_the_latency_and_numbered(make_world):
+    world = make_world(with_settings(rate_hz=5.0, latency_s=0.35))
+    came_s = []
+    world.bus.subscribe(KEYS.every_bearings, lambda key, payload: came_s.append(world.clock.now_s()))
+    world.emit("L0")
+    started_s, started_ns = world.clock.now_s(), world.clock.unix_ns()
+    async with world.running():
+        await world.let_pass(4.0)
+    captured_s = [started_s + (report.captured_ns - started_ns) * 1e-9 for report in world.reports()]
+    delays = [arrival - capture for arrival, capture in zip(came_s, captured_s, strict=True)]
+    assert delays == pytest.approx([0.35] * len(delays), abs=1e-6)
+    assert len(delays) == pytest.approx((4.0 - 0.35) * 5, abs=1)
+    periods = [later - earlier for earlier, later in itertools.pairwise(captured_s)]
+    assert periods == pytest.approx([0.2] * len(periods), abs=1e-6)
+    sequence = [report.sequence for report in world.reports()]
+    assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
+
+
+async def test_after_a_pause_of_the_process_the_sensors_do_not_catch_up_with_a_burst(world):
+    world.emit("L0")
+    await world.let_pass(1.0)
+    before = len(world.reports())
+    world.clock.jump(10.0)
+    await world.let_pass(0.5)
+    assert len(world.reports()) - before <= 8
+
+
+async def test_a_sensor_whose_own_position_is_stale_or_unknown_is_silent(world):
+    world.emit("L0")
+    await world.let_pass(0.5)
+    assert world.reports("U2") == []
+    del world.places["U1"]
+    await world.clock.advance(1.3)
+    left = len(world.reports())
+    await world.clock.advance(5.0)
+    assert len(world.reports()) == left
+    world.places["U1"] = 10 + 10j
+    await world.let_pass(0.3)
+    assert len(world.reports()) > left
+
+
+async def test_a_position_that_is_old_when_it_comes_is_not_simulated_on(world):
+    world.emit("L0")
+    for _ in range(20):
+        world.put_position("U2", 5 + 5j, age_s=1.5)
+        await world.clock.advance(0.1)
+    assert world.reports("U2") == []
+
+
+async def test_a_transmitter_whose_position_is_stale_is_not_heard(world):
+    world.places["U2"] = 0 + 50j
+    world.emit("L0")
+    world.emit("U2")
+    await world.let_pass(0.5)
+    assert world.heard() == {"L0", "U2"}
+    del world.places["U2"]
+    await world.let_pass(1.5)
+    assert world.heard() == {"L0"}
+
+
+async def test_between_positions_a_moving_uav_is_carried_on(make_world):
+    world = make_world(with_settings(rate_hz=20.0, latency_s=0.0))
+    world.emit("L0")
+    placed_ns = world.clock.unix_ns()
+    async with world.running():
+        world.put_position("U1", -10 + 0j, velocity=10j)
+        await world.clock.advance(0.8)
+    turned = [report.bearings[0].azimuth_rad for report in world.reports()]
+    seconds = [(report.captured_ns - placed_ns) * 1e-9 for report in world.reports()]
+    expected = [cmath.phase(10 - 10j * elapsed_s) % math.tau for elapsed_s in seconds]
+    assert [azimuth_error_rad(at, to) for at, to in zip(turned, expected, strict=True)] == pytest.approx(
+        [0.0] * len(turned), abs=1e-6
+    )
+    assert len(turned) > 10
+
+
+async def test_a_sensor_fault_silences_that_sensor_until_it_is_lifted(world):
+    world.places["U2"] = 0 + 50j
+    world.emit("L0")
+    await world.let_pass(0.5)
+    world.bus.put_latest(KEYS.sensor_fault("U1"), encode(SensorFault(silent=True)))
+    await world.let_pass(0.2)
+    left, others = len(world.reports("U1")), len(world.reports("U2"))
+    await world.let_pass(1.0)
+    assert len(world.reports("U1")) == left
+    assert len(world.reports("U2")) > others
+    world.bus.put_latest(KEYS.sensor_fault("U1"), encode(SensorFault(silent=False)))
+    await world.let_pass(0.5)
+    assert len(world.reports("U1")) > left
+
+
+@pytest.mark.parametrize("payload", [b"", b"{}", b"\xff", b'{"on":1}', b'{"silent":"yes"}', b'{"north_m":NaN}'])
+async def test_malformed_payloads_neither_end_the_sensors_nor_change_what_they_know(world, payload):
+    world.emit("L0")
+    await world.let_pass(0.3)
+    for key in (KEYS.position("U1"), KEYS.emission("L0"), KEYS.sensor_fault("U1"), KEYS.position("stranger")):
+        world.bus.put_latest(key, payload)
+    await world.clock.advance(0.3)
+    assert world.heard() == {"L0"}
+
+
+async def test_a_malformed_emission_remembered_from_before_does_not_end_the_sensors(make_world):
+    world = make_world()
+    world.bus.put_reliably(KEYS.emission("L1"), b"what?")
+    world.emit("L0")
+    async with world.running():
+        await world.let_pass(0.5)
+        assert world.heard() == {"L0"}
+
+
+async def test_the_same_seed_puts_the_same_reports_on_the_bus(make_world):
+    async def reports(seed):
+        world = make_world(with_settings(sigma_rad=SIGMA_RAD, drop_out=0.2, seed=seed))
+        world.emit("L0")
+        world.emit("L1")
+        async with world.running():
+            await world.let_pass(2.0)
+        return world.reports()
+
+    first = await reports(4)
+    assert len(first) > 5
+    assert first == await reports(4)
+    assert first != await reports(5)
+
+
+async def test_one_receivers_noise_does_not_depend_on_who_else_measures(make_world):
+    async def reports(receivers):
+        world = make_world(with_settings(sigma_rad=SIGMA_RAD, receivers=receivers))
+        world.places["U2"] = 10 + 0j
+        world.emit("L0")
+        async with world.running():
+            await world.let_pass(1.0)
+        return world.reports("U1")
+
+    assert await reports(["U1"]) == await reports(["U2", "U1"])
+
+
+async def test_two_receivers_in_one_place_do_not_share_their_noise(make_world):
+    world = make_world(with_settings(sigma_rad=SIGMA_RAD))
+    world.places["U2"] = world.places["U1"]
+    world.emit("L0")
+    async with world.running():
+        await world.let_pass(1.0)
+    first, second = ([report.bearings[0].azimuth_rad for report in world.reports(name)] for name in ("U1", "U2"))
+    assert set(first).isdisjoint(second)
+
+
+async def test_a_bus_that_is_gone_does_not_end_the_sensors(world):
+    world.emit("L0")
+    world.bus.up = False
+    await world.let_pass(2.0)
+    world.bus.up = True
+    await world.let_pass(0.5)
+    assert world.heard() == {"L0"}
+
+
+@pytest.mark.slow
+async def test_the_sensor_process_measures_over_a_real_bus_and_ends_when_told_to():
+    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
+    settings = with_settings(endpoint=endpoint, sigma_rad=SIGMA_RAD, latency_s=0.0, parent_pid=os.getpid())
+    reports = asyncio.Queue()
+    async with open_bus(BusEndpoint(endpoint, role="router")) as bus:
+        bus.subscribe(KEYS.every_bearings, lambda key, payload: reports.put_nowait((key, payload)))
+        bus.put_reliably(KEYS.emission("L0"), encode(Emission(on=True)))
+        process = await _started(msgspec.json.encode(settings))
+        try:
+            async with asyncio.timeout(10.0):
+                while reports.empty():
+                    position = PositionReport(SystemClock().unix_ns(), 10.0, 0.0, -10.0, 0.0, 0.0)
+                    bus.put_latest(KEYS.position("U1"), encode(position))
+                    await asyncio.sleep(0.05)
+            key, payload = reports.get_nowait()
+            (bearing,) = decode(payload, BearingReport).bearings
+            assert key == KEYS.bearings("U1")
+            assert abs(azimuth_error_rad(bearing.azimuth_rad, math.pi)) < 6 * SIGMA_RAD
+            process.terminate()
+            async with asyncio.timeout(3.0):
+                assert await process.wait() == 0
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+
+
+@pytest.mark.slow
+async def test_the_sensor_process_without_a_bus_says_so_in_one_line():
+    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
+    process = await _started(msgspec.json.encode(with_settings(endpoint=endpoint)))
+    async with asyncio.timeout(10.0):
+        _, said = await process.communicate()
+    assert process.returncode == 2
+    assert said.decode().startswith(f"the bus at {endpoint} cannot be opened as client")
+    assert said.count(b"\n") == 1
+
+
+async def _started(settings):
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "drivers.aoa.simulated"),
+        stdin=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    process.stdin.write(settings)
+    process.stdin.close()
+    return process

@@ -1,0 +1,187 @@
+"""A link sends in the right order, hears only who it should, and counts what is lost."""
+
+import asyncio
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.errors import LinkError
+from drivers.mavlink.codec import Codec
+from drivers.mavlink.link import Link, Subscription, open_link
+from drivers.mavlink.transport import LinkAddress
+from tests.fakes import settle
+
+HEARTBEAT_ID = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+
+
+def setpoint(north_mps, system_id=1):
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, system_id, 1, 1, 0x05C7, 0, 0, 0, north_mps, 0, 0, 0, 0, 0, 0, 0
+    )
+
+
+def command(number, system_id=1):
+    return mavlink.MAVLink_command_long_message(system_id, 1, number, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def brief(message):
+    return message.vx if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED" else message.command
+
+
+@pytest.fixture
+def heard(rig):
+    """What reaches the handler of system 1, which wants heartbeats only."""
+    messages = []
+    rig.link.listen(Subscription(1, frozenset({HEARTBEAT_ID}), messages.append))
+    return messages
+
+
+async def test_urgent_leaves_before_setpoints_before_ordinary_whatever_the_order_of_posting(rig):
+    rig.link.post(command(10))
+    rig.link.post_setpoint(1, setpoint(1.0))
+    rig.link.post(command(11))
+    rig.link.post_urgent(command(20))
+    rig.link.post_urgent(command(21))
+    assert rig.wire.messages == [], "only the owner task writes to a link"
+    await settle()
+    assert [brief(message) for message in rig.wire.messages] == [20, 21, 1.0, 10, 11]
+
+
+async def test_the_latest_setpoint_replaces_one_still_waiting_for_the_same_vehicle(rig):
+    rig.link.post_setpoint(1, setpoint(1.0, 1))
+    rig.link.post_setpoint(2, setpoint(5.0, 2))
+    rig.link.post_setpoint(1, setpoint(2.0, 1))
+    await settle()
+    assert sorted((m.target_system, m.vx) for m in rig.wire.messages) == [(1, 2.0), (2, 5.0)]
+
+
+async def test_every_setpoint_leaves_when_none_has_to_wait(rig):
+    for north_mps in (1.0, 2.0, 3.0):
+        rig.link.post_setpoint(1, setpoint(north_mps))
+        await settle()
+    assert [message.vx for message in rig.wire.messages] == [1.0, 2.0, 3.0]
+
+
+async def test_a_dropped_setpoint_never_leaves_and_the_others_do(rig):
+    rig.link.post_setpoint(1, setpoint(1.0, 1))
+    rig.link.post_setpoint(2, setpoint(2.0, 2))
+    rig.link.drop_setpoint(1)
+    rig.link.drop_setpoint(3)
+    await settle()
+    assert [message.target_system for message in rig.wire.messages] == [2]
+
+
+async def test_a_heartbeat_of_a_ground_station_leaves_each_second(rig):
+    await rig.clock.advance(3.5)
+    heartbeats = [sent for sent in rig.wire.sent if sent.message.get_msgId() == HEARTBEAT_ID]
+    assert [sent.time_s - 100.0 for sent in heartbeats] == [0.0, 1.0, 2.0, 3.0]
+    assert {sent.message.type for sent in heartbeats} == {mavlink.MAV_TYPE_GCS}
+
+
+async def test_everything_sent_is_numbered_in_one_sequence_and_counted(rig):
+    for number in range(300):
+        rig.link.post(command(number))
+        rig.link.post_setpoint(1, setpoint(float(number)))
+        await settle()
+    sequence = [sent.message.get_seq() for sent in rig.wire.sent]
+    assert sequence == [number % 256 for number in range(len(sequence))]
+    assert rig.link.counters.sent == len(sequence)
+
+
+async def test_only_the_autopilot_of_a_known_system_is_heard(rig, heard):
+    rig.speaker(1).heartbeat()
+    for stranger in (rig.speaker(1, 191), rig.speaker(1, 0), rig.speaker(2), rig.speaker(255, 190)):
+        stranger.heartbeat(mode=9)
+    assert [message.custom_mode for message in heard] == [4]
+    assert rig.link.counters.received == 5
+
+
+async def test_only_the_wanted_messages_are_handed_on(rig, heard):
+    rig.copter.text("not for you")
+    rig.copter.heartbeat()
+    assert [message.get_type() for message in heard] == ["HEARTBEAT"]
+
+
+async def test_a_damaged_frame_is_counted_and_not_handed_on(rig, heard):
+    frame = rig.copter.frame(mavlink.MAVLink_heartbeat_message(2, 3, 1, 9, 4, 3))
+    frame[12] ^= 0xFF
+    rig.link.receive(frame)
+    assert heard == []
+    assert rig.link.codec.malformed == 1
+    rig.copter.heartbeat()
+    assert len(heard) == 1
+
+
+async def test_an_unknown_message_of_a_vehicle_is_ignored(rig, heard, frame_of):
+    rig.link.receive(frame_of(0xABCDE, b"??"))
+    assert heard == []
+
+
+@pytest.mark.parametrize(
+    ("sequence", "lost"),
+    [
+        pytest.param([0, 1, 2], 0, id="none missing"),
+        pytest.param([7, 8], 0, id="the first frame heard may carry any number"),
+        pytest.param([0, 2], 1, id="one missing"),
+        pytest.param([0, 5, 10], 8, id="two gaps"),
+        pytest.param([254, 255, 0, 1], 0, id="the wrap is no gap"),
+        pytest.param([254, 1], 2, id="a gap across the wrap"),
+        pytest.param([255, 1], 1, id="zero missing at the wrap"),
+        pytest.param([3, 3, 4], 0, id="a frame heard twice"),
+        pytest.param([10, 12, 11, 13], 1, id="an older frame coming late is no gap of 254"),
+    ],
+)
+async def test_gaps_in_the_sequence_are_counted_as_lost(rig, sequence, lost):
+    for number in sequence:
+        rig.copter.sequence = number
+        rig.copter.heartbeat()
+    assert rig.link.counters.lost == lost
+
+
+async def test_each_source_has_a_sequence_of_its_own(rig):
+    vehicle, gimbal, other = rig.speaker(1), rig.speaker(1, 154), rig.speaker(2)
+    for source, start in ((vehicle, 0), (gimbal, 100), (other, 200)):
+        source.sequence = start
+    for _ in range(4):
+        for source in (vehicle, gimbal, other):
+            source.heartbeat()
+    assert rig.link.counters.lost == 0
+
+
+async def test_two_vehicles_with_one_system_id_are_refused(rig):
+    rig.vehicle("U1", 4)
+    with pytest.raises(LinkError, match=r"udpin:127\.0\.0\.1:14550: two vehicles with system id 4.*SYSID_THISMAV"):
+        rig.vehicle("U2", 4)
+    rig.vehicle("U2", 5)
+
+
+async def test_several_vehicles_share_a_link_and_hear_only_their_own(rig):
+    first, second = rig.vehicle("U1", 1), rig.vehicle("U2", 2)
+    rig.speaker(1).heartbeat(mode=4)
+    rig.speaker(2).heartbeat(mode=9)
+    assert (first.custom_mode, second.custom_mode) == (4, 9)
+
+
+def test_a_link_that_is_not_open_has_no_address():
+    with pytest.raises(LinkError, match="not open"):
+        _ = Link(Codec()).address
+
+
+async def test_an_open_link_speaks_and_listens_on_its_address_and_ends_with_the_block(clock):
+    heard = asyncio.Queue()
+    async with open_link(LinkAddress("udpin", "127.0.0.1", 0), Codec(), clock) as ground:
+        assert ground.address.port > 0
+        ground.listen(Subscription(255, frozenset({HEARTBEAT_ID}), heard.put_nowait))
+        codec = Codec(255, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        async with open_link(LinkAddress("udpout", "127.0.0.1", ground.address.port), codec, clock) as air:
+            message = await asyncio.wait_for(heard.get(), 5.0)
+            assert message.get_srcSystem() == 255
+            assert air.counters.sent == 1
+    assert clock.sleeping == 0
+
+
+async def test_a_port_in_use_is_an_error_that_names_the_link(clock):
+    async with open_link(LinkAddress("udpin", "127.0.0.1", 0), Codec(), clock) as first:
+        with pytest.raises(LinkError, match=f"udpin:127.0.0.1:{first.address.port} cannot be opened"):
+            async with open_link(first.address, Codec(), clock):
+                pass
