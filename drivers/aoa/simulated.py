@@ -133,7 +133,8 @@ async def run_sensors(settings: SensorSettings, bus: Bus, clock: Clock) -> None:
     bus.subscribe(keys.every_emission, tolerant(world.take_emission))
     bus.subscribe(keys.every_sensor_fault, tolerant(world.take_fault))
     for key, payload in (await bus.fetch(keys.every_emission)).items():
-        tolerant(world.take_emission)(key, payload)
+        if uav_of(key) not in world.on_air:  # what has come by subscription is newer
+            tolerant(world.take_emission)(key, payload)
     model = SensorModel(settings.sigma_rad, settings.rate_hz, settings.latency_s, settings.drop_out)
     sensors = {
         name: SimulatedSensor(model, random.Random(f"{settings.seed}/{name}"))  # noqa: S311 - noise, not secrets

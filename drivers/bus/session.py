@@ -22,6 +22,8 @@ Handler = Callable[[str, bytes], None]
 """Gets the key and the payload of one sample, on the event loop."""
 
 _CLOSE_WAIT_US = 200_000
+_LEASE_MS = 2_000
+"""After this long without a sign of life the other side counts as gone."""
 
 
 class Bus(Protocol):
@@ -65,6 +67,7 @@ class BusEndpoint:
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
             "transport/shared_memory/enabled": False,
+            "transport/link/tx/lease": _LEASE_MS,
             "transport/link/tx/queue/congestion_control/block/wait_before_close": _CLOSE_WAIT_US,
         }
         for key, value in settings.items():
@@ -85,7 +88,8 @@ async def open_bus(endpoint: BusEndpoint) -> AsyncIterator[Bus]:
     try:
         yield _ZenohBus(session, asyncio.get_running_loop())
     finally:
-        await asyncio.to_thread(session.close)
+        with contextlib.suppress(zenoh.ZError):  # a router that has frozen does not say goodbye
+            await asyncio.to_thread(session.close)
 
 
 class _ZenohBus:
@@ -151,4 +155,4 @@ class _Inbox:
             samples, self._samples = self._samples, deque(maxlen=self._samples.maxlen)
             self._scheduled = False
         for handler, key, payload in samples:
-            handler(key, payload)
+            self._loop.call_soon(handler, key, payload)  # one that fails takes no other with it

@@ -1,14 +1,18 @@
 """MAVLink 2 frames to messages and back: pymavlink is the codec, framing is ours.
 
-A frame is decoded by itself, so that a damaged one never spoils its neighbours; MAVLink 1 frames are not accepted.
+A frame is cut out only when its checksum holds and is decoded by itself, so that a damaged one never spoils its
+neighbours; MAVLink 1 frames are not accepted.
 """
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.errors import LinkError
 
 Message = Any
 """A message of pymavlink's ardupilotmega dialect; pymavlink carries no types."""
@@ -56,20 +60,40 @@ class FrameSplitter:
     def _split(self, data: bytearray) -> tuple[list[bytearray], bytearray]:
         frames: list[bytearray] = []
         at = 0
-        while True:
-            start = data.find(MAGIC, at)
-            if start < 0:
-                self.skipped_bytes += len(data) - at
-                return frames, bytearray()
+        while (start := data.find(MAGIC, at)) >= 0:
             self.skipped_bytes += start - at
-            if len(data) - start < _HEADER_LENGTH:
+            end = _frame_end(data, start)
+            if end is None:
                 return frames, data[start:]
-            signature = _SIGNATURE_LENGTH if data[start + 2] & _SIGNED else 0
-            end = start + _HEADER_LENGTH + data[start + 1] + _CHECKSUM_LENGTH + signature
-            if len(data) < end:
-                return frames, data[start:]
-            frames.append(data[start:end])
-            at = end
+            if _is_sound(data, start):
+                frames.append(data[start:end])
+                at = end
+            else:  # no frame, or a damaged one: the next may begin inside what it claimed to be
+                self.skipped_bytes += 1
+                at = start + 1
+        self.skipped_bytes += len(data) - at
+        return frames, bytearray()
+
+
+def _frame_end(data: bytearray, start: int) -> int | None:
+    """Return where the frame beginning at `start` ends by its own account; None when that is not all there yet."""
+    if len(data) - start < _HEADER_LENGTH:
+        return None
+    signature = _SIGNATURE_LENGTH if data[start + 2] & _SIGNED else 0
+    end = start + _HEADER_LENGTH + data[start + 1] + _CHECKSUM_LENGTH + signature
+    return end if len(data) >= end else None
+
+
+def _is_sound(data: bytearray, start: int) -> bool:
+    """Return whether a frame's flags are known and its checksum holds, as far as its message id is known."""
+    if data[start + 2] & ~_SIGNED:
+        return False
+    message = mavlink.mavlink_map.get(int.from_bytes(data[start + 7 : start + 10], "little"))
+    if message is None:
+        return True
+    body_end = start + _HEADER_LENGTH + data[start + 1]
+    checksum: int = mavlink.x25crc(bytes(data[start + 1 : body_end]) + bytes([message.crc_extra])).crc
+    return checksum == int.from_bytes(data[body_end : body_end + _CHECKSUM_LENGTH], "little")
 
 
 @dataclass
@@ -85,13 +109,19 @@ class Codec:
         self._mavlink = mavlink.MAVLink(None, self.system_id, self.component_id)
 
     def encode(self, message: Message) -> bytes:
-        """Return the frame of a message, numbered in this station's sequence."""
-        frame = bytes(message.pack(self._mavlink))
+        """Return the frame of a message, numbered in this station's sequence; LinkError when a field does not fit."""
+        try:
+            frame = bytes(message.pack(self._mavlink))
+        except (struct.error, OverflowError, TypeError, ValueError) as error:
+            raise LinkError(f"{message.get_type()} cannot be sent: {error}") from error
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return frame
 
     def decode(self, frame: bytearray) -> Message | None:
-        """Return the message of one frame, or None for a malformed or unknown one, which is counted."""
+        """Return the message of one frame; None for a malformed one, which is counted, and for an unknown one."""
+        if frame[0] != MAGIC or frame[2] & ~_SIGNED:
+            self.malformed += 1
+            return None
         try:
             message = self._mavlink.decode(frame)
         except mavlink.MAVError:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from drivers.errors import LinkError
 from drivers.mavlink.codec import Codec, FrameHeader, Message
 from drivers.mavlink.transport import LinkAddress, Transport, open_transport
 from drivers.tasks import background
+
+log = logging.getLogger(__name__)
 
 HEARTBEAT_PERIOD_S = 1.0
 
@@ -32,6 +35,15 @@ class Subscription:
     system_id: int
     message_ids: frozenset[int]
     handler: MessageHandler
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """A setpoint waiting to be sent: never after `expires_s`, and before others when it stops its vehicle."""
+
+    message: Message
+    expires_s: float
+    stops: bool
 
 
 @dataclass
@@ -53,7 +65,7 @@ class Link:
         self._transport: Transport | None = None
         self._urgent: deque[Message] = deque()
         self._ordinary: deque[Message] = deque()
-        self._setpoints: dict[int, Message] = {}
+        self._setpoints: dict[int, Setpoint] = {}
         self._wake = asyncio.Event()
         self._next_sequence: dict[tuple[int, int], int] = {}
 
@@ -77,17 +89,17 @@ class Link:
         self._wake.set()
 
     def post_urgent(self, message: Message) -> None:
-        """Queue a message that stops a vehicle: it leaves before everything that waits."""
+        """Queue a command that stops a vehicle: it leaves before everything that waits."""
         self._urgent.append(message)
         self._wake.set()
 
-    def post_setpoint(self, system_id: int, message: Message) -> None:
+    def post_setpoint(self, system_id: int, setpoint: Setpoint) -> None:
         """Queue a setpoint; it replaces one still waiting for the same vehicle."""
-        self._setpoints[system_id] = message
+        self._setpoints[system_id] = setpoint
         self._wake.set()
 
     def drop_setpoint(self, system_id: int) -> None:
-        """Forget a setpoint still waiting: an urgent stop must not be followed by an older motion."""
+        """Forget a setpoint still waiting for a vehicle."""
         self._setpoints.pop(system_id, None)
 
     def receive(self, frame: bytearray) -> None:
@@ -110,15 +122,26 @@ class Link:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                while (message := self._next()) is not None:
-                    transport.send(self.codec.encode(message))
-                    self.counters.sent += 1
+                while (message := self._next(clock.now_s())) is not None:
+                    self._send(transport, message)
 
-    def _next(self) -> Message | None:
+    def _send(self, transport: Transport, message: Message) -> None:
+        try:
+            frame = self.codec.encode(message)
+        except LinkError as error:
+            log.error("%s: %s", transport.address, error)
+            return
+        transport.send(frame)
+        self.counters.sent += 1
+
+    def _next(self, now_s: float) -> Message | None:
         if self._urgent:
             return self._urgent.popleft()
-        if self._setpoints:
-            return self._setpoints.pop(next(iter(self._setpoints)))
+        while self._setpoints:
+            system_id = min(self._setpoints, key=lambda waiting: not self._setpoints[waiting].stops)
+            setpoint = self._setpoints.pop(system_id)
+            if now_s < setpoint.expires_s:
+                return setpoint.message
         return self._ordinary.popleft() if self._ordinary else None
 
     async def _heartbeats(self, clock: Clock) -> None:

@@ -18,6 +18,7 @@ from drivers.clock import Clock
 from drivers.errors import SetpointError
 from drivers.mavlink.autopilots.base import Autopilot
 from drivers.mavlink.codec import Message
+from drivers.mavlink.link import Setpoint
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
 
 TYPE_MASK: Final = 0x05C7
@@ -57,7 +58,7 @@ class SetpointStreamer:
         self, vehicle: Vehicle, autopilot: Autopilot, altitude_m: float, limits: StreamLimits, clock: Clock
     ) -> None:
         self.vehicle = vehicle
-        self.state = StreamState.SILENT
+        self.state = StreamState.PILOT  # until a heartbeat says that the vehicle is in its guided mode
         self._autopilot = autopilot
         self._altitude_m = altitude_m
         self._limits = limits
@@ -67,8 +68,7 @@ class SetpointStreamer:
         self._zero_until_s = 0.0
         self._last_sent_s = float("-inf")
         vehicle.on_heartbeat.append(self._watch_mode)
-        if vehicle.telemetry.heartbeat is not None:
-            self._watch_mode(vehicle.telemetry.heartbeat)
+        self.release()
 
     def renew(self, velocity_north_east_mps: complex) -> None:
         """Fly this velocity (north + i east, m/s) from now until the lease ends, unless renewed before.
@@ -87,7 +87,7 @@ class SetpointStreamer:
         self.state = StreamState.LEASED
         self._velocity = velocity_north_east_mps
         self._lease_until_s = self._clock.now_s() + self._limits.lease_s
-        self._send(velocity_north_east_mps)
+        self._send(velocity_north_east_mps, expires_s=self._lease_until_s)
 
     def stop(self) -> None:
         """Send zero velocity at once, ahead of everything else, repeat it while the vehicle stops, then be silent."""
@@ -96,9 +96,7 @@ class SetpointStreamer:
         self.state = StreamState.STOPPING
         self._velocity = 0j
         self._zero_until_s = self._clock.now_s() + ZERO_REPEATED_S
-        self._last_sent_s = self._clock.now_s()
-        self.vehicle.link.drop_setpoint(self.vehicle.system_id)
-        self.vehicle.link.post_urgent(self._setpoint(0j))
+        self._send(0j, expires_s=self._zero_until_s)
 
     def release(self) -> None:
         """Give the vehicle back to the service after a pilot's take-over: the operator's word, never the service's."""
@@ -119,16 +117,18 @@ class SetpointStreamer:
         elif self.state is StreamState.STOPPING and now_s >= self._zero_until_s:
             self.state = StreamState.SILENT
         elif self.state in (StreamState.LEASED, StreamState.STOPPING) and now_s - self._last_sent_s >= period_s:
-            self._send(self._velocity)
+            leased = self.state is StreamState.LEASED
+            self._send(self._velocity, expires_s=self._lease_until_s if leased else self._zero_until_s)
 
     def _watch_mode(self, heartbeat: Heartbeat) -> None:
         if not self._autopilot.is_guided(heartbeat):
             self.state = StreamState.PILOT
             self.vehicle.link.drop_setpoint(self.vehicle.system_id)
 
-    def _send(self, velocity: complex) -> None:
+    def _send(self, velocity: complex, expires_s: float) -> None:
         self._last_sent_s = self._clock.now_s()
-        self.vehicle.link.post_setpoint(self.vehicle.system_id, self._setpoint(velocity))
+        setpoint = Setpoint(self._setpoint(velocity), expires_s, stops=velocity == 0j)
+        self.vehicle.link.post_setpoint(self.vehicle.system_id, setpoint)
 
     def _setpoint(self, velocity: complex) -> Message:
         return mavlink.MAVLink_set_position_target_local_ned_message(

@@ -43,10 +43,16 @@ class LinkAddress:
                 f"link {text!r} is not SCHEME:HOST:PORT with a scheme of {', '.join(SCHEMES)}, "
                 "for example udpin:127.0.0.1:14550"
             )
-        return cls(cast(Scheme, match["scheme"]), match["host"].strip("[]"), int(match["port"]))
+        host = match["host"].strip("[]")
+        try:
+            host.encode("idna")
+        except UnicodeError as error:
+            raise LinkError(f"link {text!r}: {host!r} is no host name ({error})") from error
+        return cls(cast(Scheme, match["scheme"]), host, int(match["port"]))
 
     def __str__(self) -> str:
-        return f"{self.scheme}:{self.host}:{self.port}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}:{host}:{self.port}"
 
 
 class Transport(Protocol):
@@ -86,7 +92,7 @@ async def _open_udp(address: LinkAddress, on_frame: FrameHandler) -> _Udp:
             local_addr=where if listening else None,
             remote_addr=None if listening else where,
         )
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise LinkError(
             f"link {address} cannot be opened: {error}. Is the port in use, or the host name wrong?"
         ) from error
@@ -150,7 +156,7 @@ class _TcpClient:
                 retry_s = FIRST_RETRY_S
                 await self._receive(reader)
                 log.warning("%s: closed by the other side, connecting again", self.address)
-            except OSError as error:
+            except (OSError, UnicodeError) as error:
                 level = logging.WARNING if retry_s == FIRST_RETRY_S else logging.DEBUG
                 log.log(level, "%s: %s; trying again every %.1f s", self.address, error, retry_s)
             finally:

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from drivers.errors import VehicleError
 from drivers.mavlink.autopilots import autopilot_of
 from drivers.mavlink.autopilots.ardupilot import READY_TIMEOUT_S, ArduCopter
+from drivers.mavlink.link import Setpoint
 from drivers.mavlink.vehicle import Heartbeat
 from tests.fakes import settle
 
@@ -234,7 +235,12 @@ async def test_a_climb_that_does_not_arrive_is_an_error(flight):
 async def test_hold_asks_for_brake_ahead_of_everything_and_drops_the_waiting_setpoint(flight):
     flight.vehicle.tell(SET_INTERVAL, 33, 1e5)
     flight.rig.link.post_setpoint(
-        1, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x05C7, *(0,) * 3, 5, *(0,) * 7)
+        1,
+        Setpoint(
+            mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x05C7, *(0,) * 3, 5, *(0,) * 7),
+            expires_s=float("inf"),
+            stops=False,
+        ),
     )
     flight.autopilot.hold(flight.vehicle)
     await settle()

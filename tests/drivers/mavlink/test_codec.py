@@ -81,13 +81,24 @@ def test_an_unknown_message_id_yields_nothing(frame_of):
     assert Codec().decode(frame_of(UNKNOWN_ID, b"who am I")) is None
 
 
-@pytest.mark.parametrize("position", range(10, 21))
-def test_damage_in_payload_or_checksum_is_counted_and_costs_one_frame(position):
-    glued = frames(3)
+@pytest.mark.parametrize("position", range(21))
+@pytest.mark.parametrize("how", ["datagram", "stream"])
+def test_damage_anywhere_costs_one_frame_and_spoils_no_neighbour(position, how):
+    """Magic, length, flags, sequence, ids, payload or checksum: the frames glued before and behind survive."""
+    glued = frames(40)
     glued[1][position] ^= 0x40
+    splitter = FrameSplitter()
+    cut = getattr(splitter, how)(b"".join(glued))
+    assert [frame for frame in cut if frame != glued[1]] == [glued[0], *glued[2:]]
+    assert all(Codec().decode(frame) is None for frame in cut if frame == glued[1])  # now of an unknown message id
+
+
+def test_unknown_incompatibility_flags_are_refused():
+    flagged, following = frames(2)
+    flagged[2] |= 0x02
+    assert FrameSplitter().datagram(bytes(flagged + following)) == [following]
     codec = Codec()
-    heard = [codec.decode(frame) for frame in FrameSplitter().datagram(b"".join(glued))]
-    assert [message is not None for message in heard] == [True, False, True]
+    assert codec.decode(flagged) is None
     assert codec.malformed == 1
 
 

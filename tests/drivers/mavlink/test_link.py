@@ -7,17 +7,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.errors import LinkError
 from drivers.mavlink.codec import Codec
-from drivers.mavlink.link import Link, Subscription, open_link
+from drivers.mavlink.link import Link, Setpoint, Subscription, open_link
 from drivers.mavlink.transport import LinkAddress
 from tests.fakes import settle
 
 HEARTBEAT_ID = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 
 
-def setpoint(north_mps, system_id=1):
-    return mavlink.MAVLink_set_position_target_local_ned_message(
+def setpoint(north_mps, system_id=1, expires_s=float("inf")):
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
         0, system_id, 1, 1, 0x05C7, 0, 0, 0, north_mps, 0, 0, 0, 0, 0, 0, 0
     )
+    return Setpoint(message, expires_s, stops=north_mps == 0.0)
 
 
 def command(number, system_id=1):
@@ -69,6 +70,31 @@ async def test_a_dropped_setpoint_never_leaves_and_the_others_do(rig):
     rig.link.drop_setpoint(3)
     await settle()
     assert [message.target_system for message in rig.wire.messages] == [2]
+
+
+async def test_a_stop_leaves_before_the_motion_of_other_vehicles(rig):
+    rig.link.post_setpoint(1, setpoint(1.0, 1))
+    rig.link.post_setpoint(2, setpoint(2.0, 2))
+    rig.link.post_setpoint(3, setpoint(0.0, 3))
+    await settle()
+    assert [message.vx for message in rig.wire.messages] == [0.0, 1.0, 2.0]
+
+
+async def test_a_setpoint_that_waited_past_its_time_never_leaves(rig):
+    """The event loop stalls between posting and sending, as under load or after a suspend."""
+    rig.link.post_setpoint(1, setpoint(1.0, 1, expires_s=rig.clock.now_s() + 0.5))
+    rig.link.post_setpoint(2, setpoint(2.0, 2, expires_s=rig.clock.now_s() + 9.0))
+    rig.clock.jump(5.0)
+    await settle()
+    assert [message.vx for message in rig.wire.messages] == [2.0]
+
+
+async def test_a_message_that_cannot_be_packed_is_said_and_harms_no_other(rig, caplog):
+    rig.link.post(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1e300, 0, 0, 0, 0, 0, 0))
+    rig.link.post(command(11))
+    await settle()
+    assert [brief(message) for message in rig.wire.messages] == [11]
+    assert "COMMAND_LONG cannot be sent" in caplog.text
 
 
 async def test_a_heartbeat_of_a_ground_station_leaves_each_second(rig):

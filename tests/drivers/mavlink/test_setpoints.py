@@ -138,6 +138,22 @@ async def test_a_stop_leaves_ahead_of_the_motion_of_others_on_the_link(stream):
     assert [sent.message.target_system for sent in stream.wire.setpoints] == [1, 2]
 
 
+async def test_a_stop_waiting_to_be_sent_is_not_sent_once_the_pilot_has_the_vehicle(stream):
+    stream.streamer.stop()
+    stream.rig.speaker(1).heartbeat(mode=5)  # LOITER, before the link's owner has run
+    await settle()
+    assert stream.sent == []
+
+
+async def test_nothing_is_flown_before_a_heartbeat_tells_the_mode(rig, clock):
+    streamer = SetpointStreamer(rig.vehicle("U9", 9), ArduCopter(), ALTITUDE_M, LIMITS, clock)
+    streamer.renew(1 + 0j)
+    streamer.stop()
+    await settle()
+    assert streamer.state is StreamState.PILOT
+    assert rig.wire.setpoints == []
+
+
 async def test_a_stop_is_repeated_while_the_vehicle_stops_then_silent(stream):
     await stream.renew_for(1.0, 5 + 0j)
     stopped_s = stream.clock.now_s()

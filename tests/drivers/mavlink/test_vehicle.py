@@ -6,6 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.errors import VehicleError
+from drivers.mavlink.link import Setpoint
 from drivers.mavlink.vehicle import ACK_TIMEOUT_S
 from tests.fakes import settle
 
@@ -174,7 +175,12 @@ async def test_telling_waits_for_nothing(rig, vehicle):
 async def test_an_urgent_command_leaves_first_and_takes_the_waiting_setpoint_with_it(rig, vehicle):
     vehicle.tell(ARM, 1.0)
     rig.link.post_setpoint(
-        1, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x05C7, *(0,) * 3, 5, *(0,) * 7)
+        1,
+        Setpoint(
+            mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x05C7, *(0,) * 3, 5, *(0,) * 7),
+            expires_s=float("inf"),
+            stops=False,
+        ),
     )
     vehicle.tell_urgently(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 17.0)
     await settle()
