@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Iterator, Sequence
 from enum import Enum
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 from rich.console import Console
@@ -33,6 +33,7 @@ from gcs.status import RunStatus
 from planner.errors import PlannerError
 from planner.methods import METHODS
 from planner.plan import RelayPlan, plan_to_json
+from planner.relay import Objective
 
 app = typer.Typer(
     name="bearing-relay",
@@ -43,6 +44,8 @@ app = typer.Typer(
 )
 
 MethodName = Enum("MethodName", {name: name for name in METHODS}, type=str)  # type: ignore[misc]
+ObjectiveName = Enum("ObjectiveName", {name: name for name in get_args(Objective)}, type=str)  # type: ignore[misc]
+ReferenceName = Enum("ReferenceName", {"true_north": "true_north", "body": "body"}, type=str)
 
 PlaybookPath = Annotated[Path, typer.Argument(help="the playbook, a YAML file", metavar="PLAYBOOK")]
 Speedup = Annotated[
@@ -91,20 +94,33 @@ def fly_command(
 def plan(
     path: PlaybookPath,
     method: Annotated[MethodName | None, typer.Option(help="planning method instead of the playbook's")] = None,
+    objective: Annotated[
+        ObjectiveName | None, typer.Option(help="what is minimised, instead of the playbook's")
+    ] = None,
     min_separation: Annotated[
         float | None, typer.Option(help="separation in metres instead of the playbook's; 0 switches it off", min=0.0)
+    ] = None,
+    tolerance_3sigma: Annotated[
+        float | None, typer.Option(help="largest predicted placement error, 3 sigma, metres", min=0.0)
+    ] = None,
+    sigma_deg: SigmaDeg = None,
+    reference: Annotated[
+        ReferenceName | None, typer.Option(help="what bearings refer to, instead of the playbook's")
     ] = None,
     json: Annotated[Path | None, typer.Option("--json", help="write plan.json here")] = None,
     plot: Annotated[Path | None, typer.Option(help="draw the plan here (.svg, .png or .pdf)")] = None,
 ) -> None:
     """Plan a playbook: assignment, order, two-leg routes, lengths."""
     playbook = load_playbook(path)
-    made = METHODS[method.value if method else playbook.planner.method](playbook.problem(min_separation))
+    playbook = _changed(playbook, "planner", method=method, objective=objective, tolerance_3sigma_m=tolerance_3sigma)
+    playbook = _changed(playbook, "sensor", sigma_deg=sigma_deg, reference=reference)
+    made = playbook.plan(min_separation)
     console = Console()
     console.print(_plan_table(made))
     console.print(
         f"{made.method}: total {made.total_length_m:.2f} m (straight lines {made.straight_line_bound_m:.2f} m), "
-        f"makespan {made.makespan_s:.0f} s, {made.emission_transmitter_s:.0f} transmitter-seconds"
+        f"makespan {made.makespan_s:.0f} s, {made.emission_transmitter_s:.0f} transmitter-seconds",
+        soft_wrap=True,
     )
     if json is not None:
         write_json(json, plan_to_json(made))
@@ -130,10 +146,8 @@ def copter(context: typer.Context) -> None:
 
 
 def _fly(playbook: Playbook, options: RunOptions, sigma_deg: float | None, json: Path | None) -> None:
-    if sigma_deg is not None:
-        sensor = playbook.sensor.model_copy(update={"sigma_deg": sigma_deg})
-        playbook = playbook.model_copy(update={"sensor": sensor})
-    made = METHODS[playbook.planner.method](playbook.problem())
+    playbook = _changed(playbook, "sensor", sigma_deg=sigma_deg)
+    made = playbook.plan()
     console = Console()
 
     @contextlib.asynccontextmanager
@@ -155,19 +169,33 @@ def _fly(playbook: Playbook, options: RunOptions, sigma_deg: float | None, json:
         raise typer.Exit(1)
 
 
+def _changed(playbook: Playbook, section: str, **values: object) -> Playbook:
+    """Return the playbook with the given values of one section replaced; None leaves a value as it is."""
+    update = {name: getattr(value, "value", value) for name, value in values.items() if value is not None}
+    return playbook.model_copy(update={section: getattr(playbook, section).model_copy(update=update)})
+
+
 def _plan_table(made: RelayPlan) -> Table:
+    """Return the plan as a table: a row for each leg, what concerns the whole route in the first."""
     table = Table(title=f"relay plan, method {made.method}", title_style="bold", header_style="bold")
-    for name in ("wave", "UAV", "slot", "route"):
+    for name in ("wave", "UAV", "slot", "leg"):
         table.add_column(name, no_wrap=True)
-    table.add_column("legs: guide, length, stop angle of reference")
-    table.add_column("length m", justify="right")
+    table.add_column("m", justify="right")
+    table.add_column("until °", justify="right")
+    table.add_column("between", no_wrap=True)
+    for name in ("route m", "3 sigma m"):
+        table.add_column(name, justify="right")
     for route in made.routes:
-        legs = "\n".join(
-            f"{leg.direction} {leg.guide} {leg.length_m:.2f} m, until {math.degrees(leg.stop_angle_rad):.2f}° "
-            f"{leg.stop_reference[0]}→{leg.stop_reference[1]}"
-            for leg in route.legs
-        )
-        table.add_row(str(route.wave), route.receiver, route.slot, route.model, legs, f"{route.length_m:.2f}")
+        predicted = "–" if route.predicted_3sigma_m is None else f"{route.predicted_3sigma_m:.2f}"
+        head = (str(route.wave), route.receiver, route.slot), (f"{route.length_m:.2f}", predicted)
+        for leg in route.legs:
+            angle = f"{math.degrees(leg.stop_angle_rad):.2f}"
+            flown = (f"{leg.direction} {leg.guide}", f"{leg.length_m:.2f}", angle, "→".join(leg.stop_reference))
+            table.add_row(*head[0], *flown, *head[1])
+            head = ("", "", ""), ("", "")
+        if not route.legs:
+            table.add_row(*head[0], "stays", "0.00", "", "", *head[1])
+        table.add_section()
     return table
 
 

@@ -94,6 +94,8 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
     """
     if playbook.vehicles is not None and options.speedup != 1.0:
         raise ServiceError("--speedup is for embedded copters only: this playbook names the links of its vehicles")
+    if playbook.sensor.reference != "true_north":
+        raise ServiceError("legs are flown along north-referenced bearings: sensor.reference must be true_north")
     sim_time = SimulatedTime(options.speedup, time.time_ns())
     clock = SystemClock(sim_time.speedup, sim_time.epoch_ns)
     folder = RunFolder.create(options.runs_dir, playbook.name)

@@ -13,7 +13,7 @@ from planner.routes import Verdict, make_leg, two_leg_routes
 def replan(route: Route, located: complex, transmitters: Mapping[str, complex], min_separation_m: float) -> Route:
     """Return the route with the same guides and stop references, but starting at `located`.
 
-    The turning point of a two-leg route moves with the start. Points are in the formation frame, m; `transmitters`
+    The turning point of a two-leg route moves with the start; a route of one leg just starts elsewhere. Points are in the formation frame, m; `transmitters`
     holds every transmitter the route names. Raises PlannerError when the route cannot be flown from there.
     """
     turning_points = [leg.end for leg in route.legs[:-1]]
@@ -26,8 +26,8 @@ def replan(route: Route, located: complex, transmitters: Mapping[str, complex], 
                 f"({located.real:.1f}, {located.imag:.1f}) m: {Verdict(int(moved.verdict)).reason}"
             )
         turning_points = [complex(moved.turning_point)]
-    ends = [*turning_points, route.target]
-    starts = [located, *turning_points]
+    ends = [*turning_points, route.target][: len(route.legs)]
+    starts = [located, *turning_points][: len(route.legs)]
     legs = tuple(
         make_leg(
             start,

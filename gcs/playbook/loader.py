@@ -15,10 +15,11 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from gcs.errors import ServiceError
+from gcs.playbook.formation import KINDS
 from gcs.playbook.schema import Playbook
 
 _LARGEST_FILE_BYTES = 4_000_000
-_NOT_IN_THE_FILE = ("circle", "custom", "[key]")
+_NOT_IN_THE_FILE = (*KINDS, "[key]")
 """Parts of pydantic's locations that are no keys: which formation it took, and that a key itself is wrong."""
 
 
@@ -114,7 +115,7 @@ def _allowed_keys(location: Sequence[int | str]) -> list[str]:
     model: Any = Playbook
     for part in location:
         model = _section_at(model, part)
-    return list(model.model_fields) if _is_section(model) else []
+    return sorted(model.model_fields) if _is_section(model) else []
 
 
 def _section_at(model: Any, part: int | str) -> Any:

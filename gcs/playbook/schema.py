@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from drivers.bus.keys import NAME_PATTERN
 from drivers.errors import LinkError
 from drivers.mavlink.transport import LinkAddress
-from planner import formations
+from gcs.playbook.formation import Formation
+from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
 from planner.frames import FormationFrame, GeodeticPosition
-from planner.methods import METHODS
-from planner.relay import RelayProblem
-
-Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$", max_length=64)]
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-def _read_point(value: Any) -> complex:
-    if isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)):
-        return complex(*value)
-    if isinstance(value, dict) and value.keys() == {"radius_m", "angle_deg"} and all(map(_is_number, value.values())):
-        return cmath.rect(value["radius_m"], math.radians(value["angle_deg"]))
-    raise ValueError("a point is [x, y] in metres, or {radius_m: ..., angle_deg: ...}")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+from planner.methods import DEFAULT_METHOD, METHODS
+from planner.plan import RelayPlan
+from planner.relay import Objective, RelayProblem
 
 
 def _read_link(value: Any) -> str:
@@ -48,19 +30,17 @@ def _read_method(value: Any) -> str:
     return str(value)
 
 
-Point = Annotated[complex, BeforeValidator(_read_point)]
 Link = Annotated[str, BeforeValidator(_read_link)]
 Method = Annotated[str, BeforeValidator(_read_method)]
-Metres = Annotated[float, Field(gt=0.0, le=100_000.0)]
 
 
-class Site(_Section):
+class Site(Section):
     """Where the formation stands: L0's place, and the azimuth of the axis L0 -> L1."""
 
     latitude_deg: Annotated[float, Field(ge=-85.0, le=85.0)] = -35.363262
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 149.165237
     altitude_m: Annotated[float, Field(ge=-500.0, le=9000.0)] = 584.0
-    axis_azimuth_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 90.0
+    axis_azimuth_deg: Degrees = 90.0
 
     @property
     def origin(self) -> GeodeticPosition:
@@ -73,57 +53,40 @@ class Site(_Section):
         return FormationFrame(math.radians(self.axis_azimuth_deg))
 
 
-class CircleFormation(_Section):
-    """Slots O1.. on the circle about L0, 360/(slots + 1) degrees apart."""
-
-    kind: Literal["circle"]
-    slots: Annotated[int, Field(ge=1, le=10_000)]
-    radius_m: Metres
-
-    def points(self) -> dict[str, complex]:
-        """Return the slots by name."""
-        return formations.circle(self.slots, self.radius_m)
-
-
-class CustomFormation(_Section):
-    """Slots wherever they are written, in relay order."""
-
-    kind: Literal["custom"]
-    slots: Annotated[dict[Name, Point], Field(min_length=1)]
-
-    def points(self) -> dict[str, complex]:
-        """Return the slots by name."""
-        return formations.custom(self.slots)
-
-
-class Transmitter(_Section):
+class Transmitter(Section):
     """A transmitter from the start: a UAV standing in its place, or a ground beacon."""
 
     at: Point
     beacon: bool = False
 
 
-class Receiver(_Section):
+class Receiver(Section):
     """A receiver and where it starts."""
 
     start: Point
 
 
-class VehicleLink(_Section):
+class VehicleLink(Section):
     """How a UAV is reached over MAVLink."""
 
     link: Link
     system_id: Annotated[int, Field(ge=1, le=254)]
 
 
-class Planner(_Section):
+class Planner(Section):
     """How the relay is planned."""
 
-    method: Method = "paper"
+    method: Method = DEFAULT_METHOD
+    objective: Objective = "length"
     min_separation_m: Metres = 5.0
+    tolerance_3sigma_m: Metres | None = None
+    max_leg_m: Metres | None = None
+    fence: list[Point] = Field(default_factory=list)
+    samples: Annotated[int, Field(ge=1, le=1000)] = 10
+    start_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)] = 1.0
 
 
-class Flight(_Section):
+class Flight(Section):
     """How the relay is flown."""
 
     altitude_m: Annotated[float, Field(ge=2.0, le=500.0)] = 20.0
@@ -134,28 +97,29 @@ class Flight(_Section):
     land_after: bool = False
 
 
-class SensorSection(_Section):
+class SensorSection(Section):
     """The AOA sensors: their noise (one standard deviation), and how the simulated ones behave."""
 
+    reference: Literal["true_north", "body"] = "true_north"
     sigma_deg: Annotated[float, Field(ge=0.0, le=20.0)] = 0.1
     rate_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
     latency_s: Annotated[float, Field(ge=0.0, le=0.4)] = 0.1
     drop_out: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
-class BusSection(_Section):
+class BusSection(Section):
     """The zenoh bus. Without a router endpoint the service starts its own router on loopback."""
 
     router: Annotated[str, StringConstraints(pattern=r"^(tcp|tls|quic|udp)/.+:\d+$")] | None = None
 
 
-class Playbook(_Section):
+class Playbook(Section):
     """A run: site, formation, UAVs, and how to plan and fly."""
 
     playbook: Literal[1]
     name: Name
     site: Site = Site()
-    formation: Annotated[CircleFormation | CustomFormation, Field(discriminator="kind")]
+    formation: Formation
     transmitters: Annotated[dict[Name, Transmitter], Field(min_length=2)]
     receivers: Annotated[dict[Name, Receiver], Field(min_length=1)]
     vehicles: dict[Name, VehicleLink] | None = None
@@ -194,4 +158,17 @@ class Playbook(_Section):
             slots=self.formation.points(),
             min_separation_m=self.planner.min_separation_m if min_separation_m is None else min_separation_m,
             speed_mps=self.flight.speed_mps,
+            objective=self.planner.objective,
+            bearing_sigma_rad=math.radians(self.sensor.sigma_deg),
+            samples=self.planner.samples,
+            start_sigma_m=self.planner.start_sigma_m,
+            heading_referenced=self.sensor.reference == "true_north",
+            tolerance_3sigma_m=self.planner.tolerance_3sigma_m,
+            max_leg_m=self.planner.max_leg_m,
+            fence=tuple(self.planner.fence),
+            ground_transmitters=frozenset(self.beacons),
         )
+
+    def plan(self, min_separation_m: float | None = None) -> RelayPlan:
+        """Return the relay plan of this playbook, by its own method. PlannerError when there is none."""
+        return METHODS[self.planner.method](self.problem(min_separation_m))

@@ -1,4 +1,4 @@
-"""Who is on the air: emission commands over the bus, and the ledger of transmitter-seconds."""
+"""Who is on the air: every receiver names the transmitters it needs; the union emits, and the ledger counts."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ class EmissionControl:
     bus: Bus
     keys: SwarmKeys
     clock: Clock
+    _needed_by: dict[str, frozenset[str]] = field(default_factory=dict)
     _on_since_s: dict[str, float] = field(default_factory=dict)
     _ended_s: float = 0.0
 
@@ -26,13 +27,15 @@ class EmissionControl:
         """The transmitters that are on."""
         return frozenset(self._on_since_s)
 
-    def set_on_air(self, names: Collection[str]) -> None:
-        """Switch exactly these transmitters on, and every other one off."""
+    def need(self, receiver: str, transmitters: Collection[str]) -> None:
+        """Keep exactly these transmitters on for a receiver, and nobody on that no receiver needs; none: it is done."""
+        self._needed_by[receiver] = frozenset(transmitters)
+        wanted = frozenset().union(*self._needed_by.values())
         now_s = self.clock.now_s()
-        for name in sorted(self._on_since_s.keys() - set(names)):
+        for name in sorted(self._on_since_s.keys() - wanted):
             self._ended_s += now_s - self._on_since_s.pop(name)
             self.bus.put_reliably(self.keys.emission(name), encode(Emission(on=False)))
-        for name in sorted(set(names) - self._on_since_s.keys()):
+        for name in sorted(wanted - self._on_since_s.keys()):
             self._on_since_s[name] = now_s
             self.bus.put_reliably(self.keys.emission(name), encode(Emission(on=True)))
 

@@ -9,7 +9,6 @@ import asyncio
 import math
 from collections.abc import Callable, Mapping
 from itertools import groupby
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,20 +19,16 @@ from gcs.bearings import BearingFeed, Observations, collect
 from gcs.errors import HoldRequiredError
 from gcs.relay.emission import EmissionControl
 from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
+from gcs.relay.locating import locate, transmitters_to_hear
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.relay.states import IN_FLIGHT, ReceiverState, require_transition
 from gcs.stop_monitor import SLOT, TURN, StopMonitor
-from planner.angles import wrap, wrap_all
 from planner.errors import PlannerError
 from planner.frames import FormationFrame
 from planner.plan import Route
-from planner.positioning import Fix, locate_by_bearings
+from planner.positioning import Fix
 from planner.replan import replan
-
-_MAD_TO_SIGMA: Final = 1.4826
-_OUTLIER_SIGMAS: Final = 4.0
-_LEAST_SPREAD_RAD: Final = math.radians(0.01)
 
 Objection = Callable[[str], str | None]
 """Says why a receiver must not move now, or None."""
@@ -58,6 +53,7 @@ class RelayExecutor:
     ) -> None:
         self.records = records
         self._places = dict(transmitters)
+        self._place_sigma_m = dict.fromkeys(transmitters, 0.0)
         self._leases = leases
         self._feed = feed
         self._emission = emission
@@ -82,7 +78,6 @@ class RelayExecutor:
             routes = sorted((record.route for record in self.records.values()), key=lambda r: (r.wave, r.order))
             for _, wave in groupby(routes, key=lambda route: route.wave):
                 flown = list(wave)
-                self._emission.set_on_air({name for route in flown for name in route.transmitters})
                 async with asyncio.TaskGroup() as group:
                     for route in flown:
                         group.create_task(self._bring(self.records[route.receiver]))
@@ -90,7 +85,6 @@ class RelayExecutor:
                     break
         finally:
             self._stop_all()
-            self._emission.set_on_air(())
 
     def abort(self, reason: str) -> None:
         """Stop every receiver at once and end the relay."""
@@ -114,6 +108,8 @@ class RelayExecutor:
             self._enter(record, ReceiverState.PILOT if taken else ReceiverState.HELD, hold.reason)
             if self._aborted is None:
                 self.abort(f"{record.name} is held: {hold.reason}")
+        finally:
+            self._emission.need(record.name, ())
 
     async def _fly_route(self, record: ReceiverRecord, observations: Observations) -> None:
         self._enter(record, ReceiverState.LOCATING)
@@ -122,6 +118,7 @@ class RelayExecutor:
         place, covariance = fix.position, fix.covariance
         for number, leg in enumerate(record.route.legs, start=1):
             self._enter(record, ReceiverState[f"LEG_{number}"])
+            self._emission.need(record.name, {leg.guide, *leg.stop_reference})
             rule = SLOT if number == len(record.route.legs) else TURN
             monitor = StopMonitor(leg, self._places, place, covariance, self._clock.now_s(), rule)
             await self._leg_flight(record, monitor, observations).fly()
@@ -131,6 +128,7 @@ class RelayExecutor:
         fix = await self._located(record.route, observations, self._settings.verify_samples, record.route.target)
         off_m = self._verified_offset_m(record.route, fix)
         self._places[record.name] = fix.position  # where the next receivers will find their transmitter
+        self._place_sigma_m[record.name] = _worst_sigma_m(fix.covariance)
         self._enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {record.route.slot}")
 
     def _leg_flight(self, record: ReceiverRecord, monitor: StopMonitor, observations: Observations) -> LegFlight:
@@ -155,21 +153,20 @@ class RelayExecutor:
         return self._objection(name)
 
     async def _located(self, route: Route, observations: Observations, samples: int, prior: complex) -> Fix:
-        """Locate a hovering receiver from the transmitters on the air. HoldRequiredError when they do not fix it."""
+        """Locate a receiver that hovers near `prior`. HoldRequiredError when bearings do not fix its place."""
+        names = transmitters_to_hear(prior, route.transmitters, self._places)
+        self._emission.need(route.receiver, names)
         observations.forget()
-        heard = await collect(observations, samples, route.transmitters, self._settings.give_up_s)
+        heard = await collect(observations, samples, names, self._settings.give_up_s)
         if (objection := self._forbidden(route.receiver)) is not None:
             raise HoldRequiredError(objection)
         if len(heard) < samples:
             raise HoldRequiredError(
-                f"only {len(heard)} of {samples} reports with bearings of {', '.join(route.transmitters)}: "
+                f"only {len(heard)} of {samples} reports with bearings of {', '.join(sorted(names))}: "
                 "check its sensor and the transmitters"
             )
-        places = {name: self._places[name] for name in route.transmitters}
-        directions = {name: _typical_direction([o.directions_rad[name] for o in heard]) for name in places}
-        sigma = {name: heard[-1].sigma_rad[name] / math.sqrt(samples) for name in places}
         try:
-            return locate_by_bearings(directions, places, sigma, prior=prior)
+            return locate(heard, {name: self._places[name] for name in sorted(names)}, self._place_sigma_m, prior)
         except PlannerError as error:
             raise HoldRequiredError(f"it could not be located: {error}") from error
 
@@ -197,16 +194,6 @@ class RelayExecutor:
         require_transition(record.name, record.state, state)
         record.state, record.reason = state, reason
         self._announce(record)
-
-
-def _typical_direction(directions_rad: list[float]) -> float:
-    """Return the mean of directions, rad, without those far from their median: a multipath jump must not count."""
-    about = np.asarray(directions_rad)
-    offsets = wrap_all(about - about[0])
-    offsets = wrap_all(offsets - np.median(offsets))
-    spread = max(_MAD_TO_SIGMA * float(np.median(np.abs(offsets))), _LEAST_SPREAD_RAD)
-    kept = np.abs(offsets) <= _OUTLIER_SIGMAS * spread
-    return wrap(float(np.mean(wrap_all(about[kept] - about[kept][0])) + about[kept][0]))
 
 
 def _worst_sigma_m(covariance: NDArray[np.float64]) -> float:

@@ -26,11 +26,12 @@ class ReceiverState(Enum):
 _S = ReceiverState
 _EXITS: Final = frozenset({_S.HELD, _S.PILOT, _S.FAILED})
 
+# A route has two legs, one where guide, start and slot lie in line, none where the receiver stands in its slot.
 TRANSITIONS: Final = MappingProxyType(
     {
         _S.WAITING: frozenset({_S.LOCATING}) | _EXITS,
-        _S.LOCATING: frozenset({_S.LEG_1}) | _EXITS,
-        _S.LEG_1: frozenset({_S.LEG_2}) | _EXITS,
+        _S.LOCATING: frozenset({_S.LEG_1, _S.VERIFYING}) | _EXITS,
+        _S.LEG_1: frozenset({_S.LEG_2, _S.VERIFYING}) | _EXITS,
         _S.LEG_2: frozenset({_S.VERIFYING}) | _EXITS,
         _S.VERIFYING: frozenset({_S.PLACED}) | _EXITS,
         _S.PLACED: _EXITS,

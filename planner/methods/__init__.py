@@ -15,4 +15,4 @@ METHODS: dict[str, PlanningMethod] = {
     "joint": joint.plan,
 }
 
-DEFAULT_METHOD = "paper"
+DEFAULT_METHOD = "joint"

@@ -54,3 +54,8 @@ def test_a_route_of_one_leg_just_starts_elsewhere() -> None:
     route = Route("U1", "O1", 1, 1, "general", 30 + 30j, 60 + 60j, (leg,))
     moved = replan(route, 31 + 30j, PLACES, 5.0)
     assert (moved.legs[0].start, moved.legs[0].end) == (31 + 30j, 60 + 60j)
+
+
+def test_a_route_without_legs_stays_without() -> None:
+    route = Route("U1", "O1", 1, 1, "general", 60 + 60j, 60 + 60j, ())
+    assert replan(route, 61 + 60j, PLACES, 5.0).legs == ()

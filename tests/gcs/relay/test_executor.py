@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 import msgspec
 import pytest
 
 from drivers.mavlink.setpoints import StreamState
 from gcs.relay.states import ReceiverState
+from planner.methods import METHODS
 from tests.gcs.relay.world import LEASE_S, PERIOD_S, World
 
 PLACED, HELD, WAITING, PILOT = (
@@ -46,6 +48,36 @@ async def test_one_after_the_other_and_only_two_on_the_air() -> None:
     order = [name for _, name, state, _ in world.history if state is PLACED]
     assert order == [f"U{k}" for k in range(1, 9)]
     assert world.emission.transmitter_s() == pytest.approx(2 * (world.clock.now_s() - 100.0), rel=0.05)
+
+
+@pytest.mark.parametrize(("uavs", "objective"), [(8, "length"), (8, "balanced"), (20, "balanced")])
+async def test_joint_plans_form_up_and_their_waves_fly_together(uavs: int, objective: str) -> None:
+    problem = replace(World(uavs=uavs).playbook.problem(), objective=objective)
+    world = World(uavs=uavs, plan=METHODS["joint"](problem))
+    together = 0
+
+    def look(_: float) -> None:
+        nonlocal together
+        flying = [name for name, state in world.states().items() if state not in (PLACED, WAITING)]
+        together = max(together, len(flying))
+        assert len({world.plan.route_of(name).wave for name in flying}) <= 1
+
+    await world.run(meanwhile=look)
+    assert world.executor.formed
+    assert max(world.errors_m().values()) < 1.0
+    waves = [route.wave for route in world.plan.routes]
+    assert together == max(waves.count(wave) for wave in waves)
+    assert not world.on_air
+
+
+async def test_a_receiver_already_in_its_slot_is_only_verified() -> None:
+    world = World()
+    record = world.executor.records["U1"]
+    record.route = replace(record.route, start=record.route.target, legs=())
+    world.vehicles["U1"].place = world.frame.to_site(record.route.target)
+    await world.run()
+    assert world.executor.formed
+    assert not world.vehicles["U1"].renewals
 
 
 async def test_legs_are_replanned_from_where_the_receiver_really_is() -> None:

@@ -21,7 +21,6 @@ from gcs.relay.executor import RelayExecutor
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.relay.states import ReceiverState
-from planner.methods import METHODS
 from planner.plan import RelayPlan
 from tests.fakes import FakeBus, ManualClock
 
@@ -62,11 +61,11 @@ class FakeVehicle:
 
 
 class World:
-    """The paper's eight UAVs in virtual time. Places are in the site frame; `tamper` may change or drop a report."""
+    """The paper's UAVs in virtual time. Places are in the site frame; `tamper` may change or drop a report."""
 
-    def __init__(self, sigma_deg: float = 0.1, seed: int = 1, plan: RelayPlan | None = None) -> None:
-        self.playbook = load_playbook(Path("sitl_configs/paper_8.yaml"))
-        self.plan = plan or METHODS[self.playbook.planner.method](self.playbook.problem())
+    def __init__(self, sigma_deg: float = 0.1, seed: int = 1, uavs: int = 8, plan: RelayPlan | None = None) -> None:
+        self.playbook = load_playbook(Path(f"sitl_configs/paper_{uavs}.yaml"))
+        self.plan = plan or self.playbook.plan()
         self.frame = self.playbook.site.frame
         self.clock = ManualClock()
         self.bus = FakeBus()

@@ -1,0 +1,35 @@
+"""What every section of a playbook is made of: strictness, names, points, lengths."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+
+from drivers.bus.keys import NAME_PATTERN
+
+
+class Section(BaseModel):
+    """A part of a playbook: nothing is guessed, nothing unknown is let through, nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+def _read_point(value: Any) -> complex:
+    if isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)):
+        return complex(*value)
+    if isinstance(value, dict) and value.keys() == {"radius_m", "angle_deg"} and all(map(_is_number, value.values())):
+        return cmath.rect(value["radius_m"], math.radians(value["angle_deg"]))
+    raise ValueError("a point is [x, y] in metres, or {radius_m: ..., angle_deg: ...}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$", max_length=64)]
+Point = Annotated[complex, BeforeValidator(_read_point)]
+Metres = Annotated[float, Field(gt=0.0, le=100_000.0)]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]

@@ -1,0 +1,98 @@
+"""Locating: enough transmitters are heard, wild reports do not count, and the ledger counts who was on the air."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus.keys import SwarmKeys
+from drivers.bus.messages import Emission, decode
+from gcs.bearings import Observation
+from gcs.relay.emission import EmissionControl
+from gcs.relay.locating import locate, transmitters_to_hear, typical_direction
+from planner.errors import PositioningError
+from tests.fakes import FakeBus, ManualClock
+
+STANDING = {"L0": 0j, "L1": 100 + 0j, "U1": 50 + 90j}
+EXACT = dict.fromkeys(STANDING, 0.0)
+
+
+def test_what_the_route_needs_is_enough_where_it_fixes_the_place() -> None:
+    assert transmitters_to_hear(40 + 60j, ["L0", "L1"], STANDING) == {"L0", "L1"}
+
+
+def test_one_more_is_switched_on_where_two_lie_in_line_with_the_receiver() -> None:
+    assert transmitters_to_hear(160 + 2j, ["L0", "L1"], STANDING) == {"L0", "L1", "U1"}
+
+
+def test_a_receiver_that_needs_nobody_still_hears_two() -> None:
+    assert len(transmitters_to_hear(40 + 60j, [], STANDING)) == 2
+
+
+def test_when_nothing_helps_nothing_is_switched_on() -> None:
+    in_line = {"L0": 0j, "L1": 100 + 0j, "U1": 200 + 0j}
+    assert transmitters_to_hear(300 + 0j, ["L0", "L1"], in_line) == {"L0", "L1"}
+    assert transmitters_to_hear(300 + 0j, ["L0", "L1"], {"L0": 0j, "L1": 100 + 0j}) == {"L0", "L1"}
+
+
+def seen_from(place: complex, count: int = 10) -> list[Observation]:
+    directions = {name: cmath.phase(at - place) for name, at in STANDING.items()}
+    return [Observation(float(k), dict(directions), dict.fromkeys(STANDING, 0.002)) for k in range(count)]
+
+
+def test_reports_together_give_the_place() -> None:
+    fix = locate(seen_from(30 + 40j), STANDING, EXACT, 35 + 35j)
+    assert fix.position == pytest.approx(30 + 40j, abs=1e-6)
+
+
+def test_wild_reports_do_not_count() -> None:
+    observations = seen_from(30 + 40j)
+    for observation in observations[:3]:
+        observation.directions_rad["L0"] += math.radians(45.0)
+    assert locate(observations, STANDING, EXACT, 30 + 40j).position == pytest.approx(30 + 40j, abs=1e-6)
+
+
+def test_a_transmitter_that_stands_a_little_off_is_no_contradiction() -> None:
+    """U1 was placed to 0.3 m and stands 0.5 m off: at 10 m that is 3 degrees, at a noise of 0.04."""
+    off = STANDING | {"U1": 45 + 60.5j}
+    place = 45 + 50j
+    directions = {name: cmath.phase(at - place) for name, at in (STANDING | {"U1": 45.5 + 60.5j}).items()}
+    observations = [Observation(float(k), directions, dict.fromkeys(STANDING, 0.002)) for k in range(10)]
+    with pytest.raises(PositioningError):
+        locate(observations, off, EXACT, place)
+    fix = locate(observations, off, EXACT | {"U1": 0.3}, place)
+    assert abs(fix.position - place) < 0.1
+
+
+def test_a_place_nothing_fixes_is_refused() -> None:
+    with pytest.raises(PositioningError):
+        locate(seen_from(300 + 0j), {"L0": 0j, "L1": 100 + 0j}, EXACT, 300 + 0j)
+
+
+@given(st.floats(-3.2, 3.2), st.lists(st.floats(-0.1, 0.1), min_size=1, max_size=30))
+def test_the_typical_direction_lies_among_them_even_at_the_seam(about: float, offsets: list[float]) -> None:
+    typical = typical_direction([cmath.phase(cmath.rect(1.0, about + offset)) for offset in offsets])
+    off = cmath.phase(cmath.rect(1.0, typical - about))
+    assert min(offsets) - 1e-9 <= off <= max(offsets) + 1e-9
+
+
+def test_emission_is_the_union_of_needs_and_the_ledger_adds_up() -> None:
+    clock, bus, keys = ManualClock(), FakeBus(), SwarmKeys("test")
+    emission = EmissionControl(bus, keys, clock)
+    emission.need("U1", ["L0", "L1"])
+    clock.jump(10.0)
+    emission.need("U2", ["L1", "U7"])
+    clock.jump(10.0)
+    emission.need("U1", [])
+    assert emission.on_air == {"L1", "U7"}
+    clock.jump(10.0)
+    emission.need("U2", [])
+    assert emission.on_air == frozenset()
+    assert emission.transmitter_s() == pytest.approx(20 + 30 + 20)
+    told = [(key.split("/")[3], decode(payload, Emission).on) for key, payload in bus.sent]
+    assert told == [("L0", True), ("L1", True), ("U7", True), ("L0", False), ("L1", False), ("U7", False)]
+    assert keys.emission("L0") in bus.reliable_keys
