@@ -19,6 +19,11 @@ def wrap(angle_rad: float) -> float:
     return math.pi - (math.pi - angle_rad) % math.tau
 
 
+def direction(vector: complex) -> float:
+    """Return the polar direction of a vector, rad in [-pi, pi] (`cmath.phase` overflows on the smallest numbers)."""
+    return math.atan2(vector.imag, vector.real)
+
+
 def wrap_all(angles_rad: ArrayLike) -> Angles:
     """Return every angle of an array brought into (-pi, pi], rad."""
     return np.pi - np.mod(np.pi - np.asarray(angles_rad, dtype=np.float64), np.pi * 2)

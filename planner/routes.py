@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.angles import subtended_angle, wrap
+from planner.angles import direction, subtended_angle, wrap
 from planner.errors import PlannerError
 from planner.plan import Direction, Leg
 
@@ -207,7 +207,7 @@ def model_1(start: complex, target: complex, a: complex, b: complex) -> TwoStepR
     if abs(math.sin(alpha_1)) <= _PARALLEL_SINE:
         raise PlannerError(f"route model I from {start} to {target}: {Verdict.PARALLEL.reason}")
     rho_f = math.sin(alpha_1 + theta_prime) / math.sin(alpha_1) * abs(target - a)
-    turning = a + cmath.rect(rho_f, cmath.phase(start - a))
+    turning = a + cmath.rect(rho_f, direction(start - a))
     return TwoStepRoute(
         "I", theta_prime, alpha_1, alpha_2, rho_f, _signed(a, start, turning), _signed(b, turning, target), turning
     )
@@ -220,9 +220,9 @@ def model_2(start: complex, target: complex, a: complex, b: complex) -> TwoStepR
     alpha_1 = wrap(alpha_0 + theta_prime)
     if abs(math.sin(alpha_1)) <= _PARALLEL_SINE:
         raise PlannerError(f"route model II from {start} to {target}: {Verdict.PARALLEL.reason}")
-    theta_0 = wrap(cmath.phase(target - a) - cmath.phase(b - a))
+    theta_0 = wrap(direction(target - a) - direction(b - a))
     rho_f = math.sin(alpha_1 + theta_0) / math.sin(alpha_1) * abs(b - a)
-    turning = a + cmath.rect(rho_f, cmath.phase(target - a))
+    turning = a + cmath.rect(rho_f, direction(target - a))
     return TwoStepRoute(
         "II", theta_prime, alpha_1, alpha_2, rho_f, _signed(b, start, turning), _signed(a, turning, target), turning
     )
@@ -243,7 +243,7 @@ def two_step(start: complex, target: complex, a: complex, b: complex) -> TwoStep
 
 
 def _theta_prime_and_alpha_2(start: complex, target: complex, a: complex, b: complex) -> tuple[float, float]:
-    theta_prime = wrap(cmath.phase(start - a) - cmath.phase(target - a))
+    theta_prime = wrap(direction(start - a) - direction(target - a))
     return theta_prime, float(subtended_angle(target, a, b))
 
 

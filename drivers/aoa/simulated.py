@@ -7,7 +7,6 @@ Started with its settings as JSON on standard input: `python -m drivers.aoa.simu
 from __future__ import annotations
 
 import asyncio
-import cmath
 import math
 import random
 import sys
@@ -34,6 +33,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BusError
 from drivers.process import until_told_to_stop
 from drivers.tasks import background
+from planner.angles import direction
 
 LEAST_SIGMA_RAD = math.radians(0.01)
 """No report claims to be better than this, not even one without noise."""
@@ -76,7 +76,7 @@ class SimulatedSensor:
         bearings = [
             Bearing(
                 transmitter=name,
-                azimuth_rad=(cmath.phase(place - own) + self.noise.gauss(0.0, self.model.sigma_rad)) % math.tau,
+                azimuth_rad=(direction(place - own) + self.noise.gauss(0.0, self.model.sigma_rad)) % math.tau,
                 sigma_rad=max(self.model.sigma_rad, LEAST_SIGMA_RAD),
             )
             for name, place in transmitters.items()

@@ -175,3 +175,7 @@ def test_a_leg_knows_its_direction_and_its_stop_angle() -> None:
 
 def test_every_verdict_has_words() -> None:
     assert len({verdict.reason for verdict in Verdict}) == len(Verdict)
+
+
+def test_the_smallest_numbers_are_no_special_case() -> None:
+    assert two_step(6j, complex(2.0, 5e-324), A, B).length_m == pytest.approx(two_step(6j, 2 + 0j, A, B).length_m)
