@@ -8,7 +8,7 @@ import math
 import sys
 import tempfile
 import traceback
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Sequence
 from enum import Enum
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -20,7 +20,7 @@ from rich.table import Table
 
 from drivers.errors import DriverError
 from drivers.tasks import background
-from gcs.errors import ServiceError
+from gcs.errors import ServiceError, leaves
 from gcs.monitor.terminal import result_lines, result_table, show_progress
 from gcs.paper.render import print_paper
 from gcs.playbook.loader import load_playbook
@@ -205,11 +205,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         app(args=list(arguments) if arguments is not None else None, prog_name="bearing-relay")
     except KeyboardInterrupt:
+        complain.print(
+            "bearing-relay: interrupted; a vehicle already in the air hovers in its guided mode", style="red"
+        )
         sys.exit(130)
     except BaseException as error:  # the last line of defence: no traceback reaches a user
         if isinstance(error, SystemExit):
             raise
-        for known in _leaves(error):
+        for known in leaves(error):
             if isinstance(known, ServiceError | DriverError | PlannerError):
                 complain.print(f"bearing-relay: {known}", style="red", markup=False, highlight=False, soft_wrap=True)
             else:
@@ -220,14 +223,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     soft_wrap=True,
                 )
         sys.exit(2)
-
-
-def _leaves(error: BaseException) -> Iterator[BaseException]:
-    if isinstance(error, BaseExceptionGroup):
-        for inner in error.exceptions:
-            yield from _leaves(inner)
-    else:
-        yield error
 
 
 def _save(error: BaseException) -> Path:

@@ -24,7 +24,7 @@ from drivers.mavlink.vehicle import Kinematics, Vehicle
 from drivers.simulation.launcher import ProcessGroup, SimulatedTime, free_tcp_port, process_group, this_pid
 from drivers.tasks import background
 from gcs.bearings import BearingFeed
-from gcs.errors import ServiceError
+from gcs.errors import ServiceError, leaves
 from gcs.fleet import Member, open_links, open_streams, start_copters, take_off
 from gcs.guidance import SpeedLimits
 from gcs.playbook.schema import Playbook
@@ -175,15 +175,11 @@ async def _relay(run: _Run) -> tuple[dict[str, Any], Score]:
     records = {route.receiver: ReceiverRecord(route) for route in run.plan.routes}
     score = Score(frame, run.board, records)
     run.status.records = records
+    _publish_positions(run, score)
     outcome: Outcome = "failed"
-    try:
-        _publish_positions(run, score)
-        run.status.phase = "taking off"
+    run.status.phase = "taking off"
+    async with _failures_said(run.status):
         members = await take_off(run.playbook, run.vehicles)
-    except* DriverError as failures:
-        for failure in failures.exceptions:
-            run.status.say(str(failure))
-    else:
         streams = open_streams(run.playbook, members, run.clock)
         executor = RelayExecutor(
             records,
@@ -197,15 +193,36 @@ async def _relay(run: _Run) -> tuple[dict[str, Any], Score]:
             objection=_safety(run).objection,
             announce=_announcer(run, emission),
         )
-        run.status.phase = "relay"
+        run.status.phase, outcome = "relay", "aborted"
         async with background(*(stream.run() for stream in streams.values())):
-            with _stopping_on_interrupt(executor, run.status):
-                await executor.run()
-            outcome = "formed" if executor.formed else "aborted"
-            await _finish(run, members)
+            try:
+                with _stopping_on_interrupt(executor, run.status):
+                    await executor.run()
+            finally:
+                await run.clock.sleep(run.playbook.flight.lease_s)  # the last zero velocities go out
+        outcome = "formed" if executor.formed else "aborted"
+        if executor.formed and run.playbook.flight.land_after:
+            await _land(run, members)
     run.status.phase = outcome
     figures = RunFigures(run.playbook.name, outcome, run.status.elapsed_s(), emission.transmitter_s(), feed.counters)
     return run_report(figures, run.plan, records, score), score
+
+
+@contextlib.asynccontextmanager
+async def _failures_said(status: RunStatus) -> AsyncIterator[None]:
+    """Put what goes wrong with a vehicle in the block before the operator; the run goes on to its report."""
+    try:
+        yield
+    except* DriverError as failures:
+        for failure in leaves(failures):
+            status.say(str(failure))
+
+
+async def _land(run: _Run, members: dict[str, Member]) -> None:
+    run.status.phase = "landing"
+    async with asyncio.TaskGroup() as group:
+        for member in members.values():
+            group.create_task(member.autopilot.land(member.vehicle))
 
 
 def _settings(playbook: Playbook) -> RelaySettings:
@@ -284,13 +301,3 @@ def _stopping_on_interrupt(executor: RelayExecutor, status: RunStatus) -> Iterat
     finally:
         for signal_number in (signal.SIGINT, signal.SIGTERM):
             loop.remove_signal_handler(signal_number)
-
-
-async def _finish(run: _Run, members: dict[str, Member]) -> None:
-    """Let the last zero velocities go out, and land where the playbook says so."""
-    await run.clock.sleep(run.playbook.flight.lease_s)
-    if run.playbook.flight.land_after:
-        run.status.phase = "landing"
-        async with asyncio.TaskGroup() as group:
-            for member in members.values():
-                group.create_task(member.autopilot.land(member.vehicle))

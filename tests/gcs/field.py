@@ -43,7 +43,7 @@ vehicles:
   L0: {{link: 'udpin:127.0.0.1:{l0}', system_id: 1}}
   L1: {{link: 'udpin:127.0.0.1:{l1}', system_id: 2}}
   U1: {{link: 'udpin:127.0.0.1:{u1}', system_id: 3}}
-flight: {{altitude_m: 4, speed_mps: 4, give_up_s: 2}}
+flight: {{altitude_m: 4, speed_mps: 4, give_up_s: 2, land_after: true}}
 bus: {{router: '{bus}'}}
 """
 
@@ -52,6 +52,8 @@ class Wire(asyncio.DatagramProtocol):
     """A tap between one copter and the service: passes every datagram on and notes the velocities commanded."""
 
     def __init__(self, service: tuple[str, int]) -> None:
+        self.armed: bool | None = None
+        """What the copter's last heartbeat said."""
         self.velocities: list[tuple[float, float]] = []
         """(wall time, s; commanded horizontal speed, m/s) of every setpoint the service sent."""
         self._service = service
@@ -65,8 +67,11 @@ class Wire(asyncio.DatagramProtocol):
         if addr != self._service:
             self._copter = addr
             self.transport.sendto(data, self._service)
-            return
         message = self._codec.decode(bytearray(data))
+        if addr != self._service:
+            if message.get_type() == "HEARTBEAT":
+                self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            return
         if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
             self.velocities.append((time.monotonic(), math.hypot(message.vx, message.vy)))
         if self._copter is not None:

@@ -15,12 +15,13 @@ pytestmark = pytest.mark.slow
 ZERO = pytest.approx(0.0, abs=1e-6)
 
 
-async def test_the_field_without_a_fault_forms(tmp_path: Path) -> None:
+async def test_the_field_without_a_fault_forms_and_lands(tmp_path: Path) -> None:
     async with open_field(tmp_path) as field:
         assert await field.ended(90.0) == 0, field.lines
         report = field.report()
         assert report["outcome"] == "formed"
         assert report["receivers"][0]["placement_error_m"] < 1.0
+        assert field.wire.armed is False
 
 
 async def test_killing_the_bus_mid_leg(tmp_path: Path) -> None:
