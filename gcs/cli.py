@@ -22,11 +22,14 @@ from drivers.errors import DriverError
 from drivers.tasks import background
 from gcs.errors import ServiceError, leaves
 from gcs.monitor.terminal import result_lines, result_table, show_progress
+from gcs.paper.plots import draw_paper_figures
 from gcs.paper.render import print_paper
 from gcs.playbook.loader import load_playbook
 from gcs.playbook.schema import Playbook
 from gcs.recording.run_folder import write_json
 from gcs.relay.states import ReceiverState
+from gcs.reports.canvas import extent_of
+from gcs.reports.dilution_map import draw_dilution_map
 from gcs.reports.figure import draw_plan
 from gcs.service import RunOptions, fly
 from gcs.status import RunStatus
@@ -34,6 +37,7 @@ from planner.errors import PlannerError
 from planner.methods import METHODS
 from planner.plan import RelayPlan, plan_to_json
 from planner.relay import Objective
+from planner.relay_accuracy import relay_accuracy
 
 app = typer.Typer(
     name="bearing-relay",
@@ -109,12 +113,16 @@ def plan(
     ] = None,
     json: Annotated[Path | None, typer.Option("--json", help="write plan.json here")] = None,
     plot: Annotated[Path | None, typer.Option(help="draw the plan here (.svg, .png or .pdf)")] = None,
+    dilution: Annotated[
+        Path | None, typer.Option(help="draw a map here of how well the first transmitters fix a position (GDOP)")
+    ] = None,
 ) -> None:
     """Plan a playbook: assignment, order, two-leg routes, lengths."""
     playbook = load_playbook(path)
     playbook = _changed(playbook, "planner", method=method, objective=objective, tolerance_3sigma_m=tolerance_3sigma)
     playbook = _changed(playbook, "sensor", sigma_deg=sigma_deg, reference=reference)
-    made = playbook.plan(min_separation)
+    problem = playbook.problem(min_separation)
+    made = METHODS[playbook.planner.method](problem)
     console = Console()
     console.print(_plan_table(made))
     console.print(
@@ -125,13 +133,25 @@ def plan(
     if json is not None:
         write_json(json, plan_to_json(made))
     if plot is not None:
-        draw_plan(made, {name: t.at for name, t in playbook.transmitters.items()}, plot, title=playbook.name)
+        accuracy = relay_accuracy(problem, made.routes)
+        draw_plan(made, problem.transmitters, plot, title=playbook.name, accuracy=accuracy)
+    if dilution is not None:
+        field = (*problem.transmitters.values(), *problem.receivers.values(), *problem.slots.values())
+        referenced = problem.heading_referenced
+        draw_dilution_map(problem.transmitters, dilution, extent_of(field, margin=0.2), referenced, title=playbook.name)
 
 
 @app.command()
-def paper() -> None:
+def paper(
+    plots: Annotated[Path | None, typer.Option(help="redraw figures 9 and 10 into this folder")] = None,
+) -> None:
     """Recompute the paper's tables 2 to 6 beside the printed numbers."""
-    if not print_paper(Console()):
+    console = Console()
+    agrees = print_paper(console)
+    if plots is not None:
+        for path in draw_paper_figures(plots):
+            console.print(f"figure {path}", soft_wrap=True)
+    if not agrees:
         raise typer.Exit(1)
 
 

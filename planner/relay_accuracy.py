@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.accuracy import BearingNoise, LegLine, PositionError, RelayErrors
-from planner.errors import InfeasiblePlanError, Obstruction
-from planner.plan import RelayPlan
+from planner.accuracy import BearingNoise, LegLine, RelayErrors
+from planner.landing import Landing, land
+from planner.plan import Leg, Route
 from planner.relay import RelayProblem
+from planner.trimming import trim
+
+_NO_LEG_RATIO = 1e-9
+"""A leg shorter than this part of its route changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -41,39 +46,54 @@ def noise_of(problem: RelayProblem) -> BearingNoise:
     return BearingNoise(problem.bearing_sigma_rad, problem.samples, problem.start_sigma_m, problem.heading_referenced)
 
 
-def relay_accuracy(problem: RelayProblem, plan: RelayPlan) -> dict[str, PlacementAccuracy]:
-    """Return the predicted accuracy of every placement of the plan, by receiver.
+def relay_accuracy(problem: RelayProblem, routes: Sequence[Route]) -> dict[str, PlacementAccuracy]:
+    """Return the predicted accuracy of the placements, by receiver; the routes come in the order they are flown.
 
-    With `problem.map_trim` each placement includes its trim leg. Raises InfeasiblePlanError when a stop reference does
-    not tell the end of its leg.
+    With `problem.map_trim` each placement includes its trim leg. A receiver is left out when a stop reference does not
+    tell the end of its leg, when its predicted error is as large as the whole figure, so that no linear model means
+    anything, and when it depends on another that is left out.
     """
-    names = [*problem.transmitters, *(route.receiver for route in plan.routes)]
-    number = {name: k for k, name in enumerate(names)}
-    places = [*problem.transmitters.values(), *(route.target for route in plan.routes)]
-    errors = RelayErrors(np.array(places), noise_of(problem))
+    places = dict(problem.transmitters) | {route.receiver: route.target for route in routes}
+    number = {name: k for k, name in enumerate(places)}
+    stations = np.array(list(places.values()))
+    figure_m = float(np.abs(stations - stations[0]).max())
+    errors = RelayErrors(stations, noise_of(problem))
     accuracy: dict[str, PlacementAccuracy] = {}
-    for route in plan.routes:
-        error = errors.at_start()
-        ends: list[NDArray[np.float64]] = []
-        for leg in route.legs:
-            reference = np.array([number[name] for name in leg.stop_reference])
-            stop = errors.stop(error, LegLine(number[leg.guide], leg.start, leg.end), reference)
-            if stop is None:
-                blind = Obstruction(route.receiver, route.slot, f"{leg.stop_reference} does not tell the end of a leg")
-                raise InfeasiblePlanError((blind,), "Choose another stop reference.")
-            error = stop.error
-            ends.append(error.own)
-        trim: Trim | None = None
-        if problem.map_trim and route.legs:
-            error, trim = _trimmed(errors, error, route.target, route.transmitters, number)
+    for route in routes:
+        if not all(name in problem.transmitters or name in accuracy for name in route.transmitters):
+            continue
+        landing = _landing(errors, route, number)
+        if landing is None or not landing.error.worst_axis_3sigma_m < figure_m:
+            continue
+        error, trimmed = landing.error, None
+        if problem.map_trim and landing.stops:
+            on_air = landing.transmitters
+            error, gain = trim(errors, error, route.target, np.array(on_air))
+            trimmed = Trim(tuple(list(places)[station] for station in on_air), gain)
         errors.place(number[route.receiver], error)
-        accuracy[route.receiver] = PlacementAccuracy(tuple(ends), error.own, error.worst_axis_3sigma_m, trim)
+        accuracy[route.receiver] = PlacementAccuracy(
+            _leg_ends(errors, route, landing), error.own, error.worst_axis_3sigma_m, trimmed
+        )
     return accuracy
 
 
-def _trimmed(
-    errors: RelayErrors, error: PositionError, at: complex, transmitters: tuple[str, ...], number: dict[str, int]
-) -> tuple[PositionError, Trim]:
-    names = tuple(sorted(transmitters, key=lambda name: number[name]))
-    trimmed, gain = errors.trim(error, at, np.array([number[name] for name in names]))
-    return trimmed, Trim(names, gain)
+def _landing(errors: RelayErrors, route: Route, number: Mapping[str, int]) -> Landing | None:
+    legs = [leg for leg in route.legs if _is_flown(leg, route)]
+    return land(
+        errors,
+        [LegLine(number[leg.guide], leg.start, leg.end) for leg in legs],
+        [np.array([number[name] for name in leg.stop_reference]) for leg in legs],
+    )
+
+
+def _leg_ends(errors: RelayErrors, route: Route, landing: Landing) -> tuple[NDArray[np.float64], ...]:
+    """Return the covariance at the end of every leg, those of no length included."""
+    stops, here, ends = iter(landing.stops), errors.at_start(), []
+    for leg in route.legs:
+        here = next(stops).error if _is_flown(leg, route) else here
+        ends.append(here.own)
+    return tuple(ends)
+
+
+def _is_flown(leg: Leg, route: Route) -> bool:
+    return leg.length_m > _NO_LEG_RATIO * route.length_m

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gcs.paper.printed import PositioningCase, PrintedPaper
+from planner.baselines import Descent
 from planner.plan import RelayPlan
 
 TOLERANCE_M = 0.03
@@ -44,12 +45,15 @@ class Comparison:
 class PositioningResult:
     """One row of table 2: error radii (eq. 25) from exact angles, from rounded ones, and of the printed estimate, m.
 
-    `candidates` is how many positions fit the unsigned angles; the signs of the angles leave one.
+    `candidates` is how many positions fit the unsigned angles; the signs of the angles leave one. The trilateration is
+    reconstructed, and not held against print.
     """
 
     printed: PositioningCase
     exact_m: float
     rounded_m: float
+    trilateration_exact_m: float
+    trilateration_rounded_m: float
     printed_estimate_m: float
     candidates: int
 
@@ -98,12 +102,14 @@ class Passage:
 class LengthResult:
     """One row of table 3 or 4.
 
-    `geometric_m` is quoted from print; `passages` are those of the shorter (flown) model and of the other.
+    `geometric_m` is quoted from print, `geometric_here` its reconstruction; `passages` are those of the shorter (flown)
+    model and of the other.
     """
 
     receiver: str
     length: Comparison
     geometric_m: float
+    geometric_here: Descent
     straight_line_m: float
     passages: tuple[Passage, Passage]
 
@@ -117,7 +123,8 @@ class LengthResult:
 class LengthsResult:
     """Table 3 or 4, and the relay plan of its starts and slots with separation off.
 
-    The total of the geometric optimization is compared with the sum of its own printed column.
+    The total of the geometric optimization is compared with the sum of its own printed column; what is reconstructed
+    of it is not held against print.
     """
 
     rows: tuple[LengthResult, ...]
@@ -126,6 +133,16 @@ class LengthsResult:
     geometric_column: Comparison
     slots_off_m: float
     plan: RelayPlan
+
+    @property
+    def geometric_here_m(self) -> float:
+        """Total of the reconstructed geometric optimisation, m."""
+        return sum(row.geometric_here.length_m for row in self.rows)
+
+    @property
+    def mean_steps(self) -> float:
+        """How many steps a receiver takes in the reconstruction, on average."""
+        return sum(row.geometric_here.steps for row in self.rows) / len(self.rows)
 
     @property
     def assignment_is_identity(self) -> bool:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import cmath
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
 
+from gcs.paper.chain import problem, tasks
 from gcs.paper.comparison import (
     ROUNDING_M,
     Comparison,
@@ -16,22 +15,16 @@ from gcs.paper.comparison import (
     ModelsResult,
     ModelsTable,
     PaperComparison,
-    Passage,
     PositioningResult,
 )
-from gcs.paper.printed import Legs, LengthTable, ModelTable, Polar, Positioning, PositioningCase, PrintedPaper
-from planner.angles import subtended_angle
-from planner.formations import circle
+from gcs.paper.places import point, receiver, triangle
+from gcs.paper.printed import Legs, LengthTable, ModelTable, Positioning, PositioningCase, PrintedPaper
+from planner.baselines import trilateration, trilateration_angles
 from planner.methods import METHODS
-from planner.plan import RelayPlan
 from planner.positioning import two_circle, two_circle_candidates
-from planner.relay import RelayProblem
-from planner.routes import TwoStepRoute, distance_to_segment, model_1, model_2
+from planner.routes import TwoStepRoute
 
 FLYABLE_SEPARATION_M = 5.0
-
-_RADIUS_M = 100.0
-_TRANSMITTERS = {"L0": 0j, "L1": complex(_RADIUS_M)}
 
 
 def recompute(printed: PrintedPaper) -> PaperComparison:
@@ -44,77 +37,28 @@ def recompute(printed: PrintedPaper) -> PaperComparison:
         table_4=_lengths(printed.table_4),
         table_5=_total(printed.table_5[1].total, (row.length.recomputed for row in table_3.rows)),
         table_6=_models(printed.table_6, printed.table_3),
-        flyable=_plan(printed.table_4, FLYABLE_SEPARATION_M),
+        flyable=METHODS["paper"](problem(printed.table_4, FLYABLE_SEPARATION_M)),
     )
 
 
-def _point(place: Polar) -> complex:
-    return cmath.rect(place[0], math.radians(place[1]))
-
-
 def _positioning(setting: Positioning, case: PositioningCase) -> PositioningResult:
-    a, b, c, target = 0j, complex(setting.b), _point(setting.c), _point(setting.target)
-    true = target + _point(case.position) * target / abs(target)
-    alpha, beta = (float(subtended_angle(true, a, other)) for other in (b, c))
-
-    def error_m(first: float, second: float) -> float:
-        return abs(complex(two_circle(first, second, a, b, c).position) - true)
-
+    corners, true = triangle(setting), receiver(setting, case)
+    exact = trilateration_angles(true, *corners)
+    alpha, beta, gamma = (_rounded(angle) for angle in exact)
     return PositioningResult(
         printed=case,
-        exact_m=error_m(alpha, beta),
-        rounded_m=error_m(_rounded(alpha), _rounded(beta)),
-        printed_estimate_m=abs(_point(case.estimate) - _point(case.position)),
-        candidates=len(two_circle_candidates(abs(alpha), abs(beta), a, b, c)),
+        exact_m=abs(complex(two_circle(*exact[:2], *corners).position) - true),
+        rounded_m=abs(complex(two_circle(alpha, beta, *corners).position) - true),
+        trilateration_exact_m=abs(trilateration(*exact, *corners) - true),
+        trilateration_rounded_m=abs(trilateration(alpha, beta, gamma, *corners) - true),
+        printed_estimate_m=abs(point(case.estimate) - point(case.position)),
+        candidates=len(two_circle_candidates(abs(exact[0]), abs(exact[1]), *corners)),
     )
 
 
 def _rounded(angle: float) -> float:
     """Return the angle rounded to 0.01 degree, rad."""
     return math.radians(round(math.degrees(angle), 2))
-
-
-@dataclass(frozen=True)
-class _Task:
-    """One receiver of the printed chain: its start and slot, and the guides A (L0) and B (the slot before)."""
-
-    start: complex
-    target: complex
-    b_name: str
-    b: complex
-
-    def routes(self) -> list[TwoStepRoute]:
-        """Both models, the shorter (eq. 24) first."""
-        both = [model(self.start, self.target, 0j, self.b) for model in (model_1, model_2)]
-        return sorted(both, key=lambda route: route.length_m)
-
-    def passage(self, route: TwoStepRoute) -> Passage:
-        """How near the route passes to the nearer of its guides."""
-        legs = ((self.start, route.turning_point), (route.turning_point, self.target))
-        distances_m = {
-            name: min(float(distance_to_segment(*leg, at)) for leg in legs)
-            for name, at in (("L0", 0j), (self.b_name, self.b))
-        }
-        nearest = min(distances_m, key=lambda name: distances_m[name])
-        return Passage(route.model, nearest, distances_m[nearest])
-
-
-def _tasks(table: LengthTable) -> Iterator[_Task]:
-    b_name, b = "L1", _TRANSMITTERS["L1"]
-    for row, target in zip(table.rows, circle(len(table.rows), _RADIUS_M).values(), strict=True):
-        yield _Task(_point(row.start), target, b_name, b)
-        b_name, b = row.receiver, target
-
-
-def _plan(table: LengthTable, min_separation_m: float) -> RelayPlan:
-    return METHODS["paper"](
-        RelayProblem(
-            transmitters=_TRANSMITTERS,
-            receivers={row.receiver: _point(row.start) for row in table.rows},
-            slots=circle(len(table.rows), _RADIUS_M),
-            min_separation_m=min_separation_m,
-        )
-    )
 
 
 def _total(printed: float, lengths: Iterable[float]) -> Comparison:
@@ -124,15 +68,16 @@ def _total(printed: float, lengths: Iterable[float]) -> Comparison:
 
 
 def _lengths(table: LengthTable) -> LengthsResult:
-    tasks = list(_tasks(table))
+    chain = list(tasks(table))
     rows: list[LengthResult] = []
-    for row, task in zip(table.rows, tasks, strict=True):
-        shorter, longer = task.routes()
+    for row, task in zip(table.rows, chain, strict=True):
+        shorter, longer = sorted(task.models(), key=lambda route: route.length_m)
         rows.append(
             LengthResult(
                 receiver=row.receiver,
                 length=Comparison(row.two_step, shorter.length_m, misprint_for=row.misprint_for),
                 geometric_m=row.geometric,
+                geometric_here=task.descent(),
                 straight_line_m=abs(task.target - task.start),
                 passages=(task.passage(shorter), task.passage(longer)),
             )
@@ -145,16 +90,16 @@ def _lengths(table: LengthTable) -> LengthsResult:
         geometric_column=Comparison(
             table.geometric_total, sum(row.geometric for row in table.rows), tolerance=ROUNDING_M
         ),
-        slots_off_m=max(abs(_point(row.slot) - task.target) for row, task in zip(table.rows, tasks, strict=True)),
-        plan=_plan(table, min_separation_m=0.0),
+        slots_off_m=max(abs(point(row.slot) - task.target) for row, task in zip(table.rows, chain, strict=True)),
+        plan=METHODS["paper"](problem(table, min_separation_m=0.0)),
     )
 
 
 def _models(table: ModelTable, lengths: LengthTable) -> ModelsTable:
     rows: list[ModelsResult] = []
-    for row, task in zip(table.rows, _tasks(lengths), strict=True):
-        chosen, other = task.routes()
-        first, second = sorted((chosen, other), key=lambda route: route.model)
+    for row, task in zip(table.rows, tasks(lengths), strict=True):
+        first, second = task.models()
+        chosen = min(first, second, key=lambda route: route.length_m)
         rows.append(
             ModelsResult(
                 receiver=row.receiver,

@@ -6,7 +6,7 @@ shorter of route models I and II (eq. 24); the Hungarian method assigns, and slo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from planner.assignment import hungarian, straight_line_bound
 from planner.errors import InfeasiblePlanError, Obstruction, ProblemError
 from planner.plan import RelayPlan, Route
 from planner.relay import RelayProblem, emission_transmitter_s, makespan_s
+from planner.relay_accuracy import relay_accuracy
 from planner.routes import SEPARATION_TOLERANCE_M, TwoLegRoutes, Verdict, distance_to_segment, make_leg, two_leg_routes
 
 MODELS = ("I", "II")
@@ -70,7 +71,8 @@ def plan(problem: RelayProblem) -> RelayPlan:
     """Return the paper's relay plan.
 
     Separation 0 switches the separation off and gives the printed totals. Raises ProblemError unless there are as many
-    slots as receivers, InfeasiblePlanError when some receiver has no route to any free slot.
+    slots as receivers, InfeasiblePlanError when some receiver has no route to any free slot. The predicted error of a
+    placement is None from where the chain's error is out of proportion (see `relay_accuracy`).
     """
     if len(problem.receivers) != len(problem.slots):
         raise ProblemError(
@@ -87,7 +89,7 @@ def plan(problem: RelayProblem) -> RelayPlan:
             break
         for model, row, column in breaches:
             matrix.allowed[model, row, column] = False
-    routes = _routes(problem, matrix, columns)
+    routes = _with_accuracy(problem, _routes(problem, matrix, columns))
     return RelayPlan(
         method="paper",
         routes=routes,
@@ -145,6 +147,12 @@ def _routes(problem: RelayProblem, matrix: CostMatrix, columns: Indices) -> tupl
         routes.append(Route(name, slot, column + 1, column + 1, MODELS[model], start, target, legs))
         b_name, b = receiver_of[column], target
     return tuple(routes)
+
+
+def _with_accuracy(problem: RelayProblem, routes: tuple[Route, ...]) -> tuple[Route, ...]:
+    accuracy = relay_accuracy(problem, routes)
+    predicted_m = {name: placement.worst_axis_3sigma_m for name, placement in accuracy.items()}
+    return tuple(replace(route, predicted_3sigma_m=predicted_m.get(route.receiver)) for route in routes)
 
 
 def _obstructions(

@@ -62,6 +62,40 @@ def test_paper_agrees_with_print(capsys: pytest.CaptureFixture[str]) -> None:
         assert total in out
 
 
+def test_paper_redraws_its_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    status, _, _ = run(capsys, "paper", "--plots", str(tmp_path / "figures"))
+    assert status == 0
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {
+        "figure_9.svg", "figure_10a.svg", "figure_10b.svg", "figure_10c.svg", "figure_10d.svg",
+    }  # fmt: skip
+
+
+def test_the_default_method_is_near_straight_and_predicts_its_errors(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    text = Path(PAPER_8).read_text().replace("  method: paper", "  # method: paper")
+    playbook, made, gdop = tmp_path / "eight.yaml", tmp_path / "plan.json", tmp_path / "gdop.svg"
+    playbook.write_text(text)
+    options = ["--sigma-deg", "0.5", "--reference", "body", "--tolerance-3sigma", "5"]
+    status, _, _ = run(capsys, "plan", str(playbook), *options, "--json", str(made), "--dilution", str(gdop))
+    assert status == 0
+    data = json.loads(made.read_text())
+    assert data["method"] == "joint"
+    assert data["total_length_m"] <= 379.0
+    assert max(receiver["predicted_3sigma_m"] for receiver in data["receivers"]) <= 5.0
+    assert gdop.read_text().startswith("<?xml")
+
+
+def test_the_objective_can_be_chosen(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    made = tmp_path / "plan.json"
+    options = ["--method", "joint", "--objective", "balanced", "--sigma-deg", "0.5", "--json", str(made)]
+    status, _, _ = run(capsys, "plan", PAPER_8, *options)
+    data = json.loads(made.read_text())
+    assert status == 0
+    assert data["makespan_s"] <= 42.0
+    assert data["total_length_m"] <= 1.09 * data["straight_line_bound_m"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

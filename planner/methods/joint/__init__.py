@@ -8,18 +8,16 @@ each leg gives back.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from planner.errors import InfeasiblePlanError, Obstruction, PlannerError
-from planner.methods import paper
+from planner.errors import InfeasiblePlanError, Obstruction
 from planner.methods.joint.assembly import assemble
+from planner.methods.joint.chain import papers_chain
 from planner.methods.joint.objectives import parallel_plans, score
-from planner.methods.joint.passage import Passage
 from planner.methods.joint.shortest import shortest_passages
-from planner.methods.joint.trips import shortest_trips, trips_of
-from planner.plan import Leg, RelayPlan, Route
+from planner.methods.joint.trips import shortest_trips
+from planner.plan import RelayPlan
 from planner.relay import RelayProblem
 
 _LOOSER = (1.25, 1.6, 2.5)
@@ -42,61 +40,30 @@ def plan(problem: RelayProblem) -> RelayPlan:
         raise _out_of_tolerance(_most_accurate(problem, limit_m), limit_m) from failure
 
 
+def first_feasible(problem: RelayProblem, methods: Sequence[Callable[[RelayProblem], RelayPlan]]) -> RelayPlan:
+    """Return the plan of the first method that has one; when none has, raise what the first one raised."""
+    failures: list[InfeasiblePlanError] = []
+    for method in methods:
+        try:
+            return method(problem)
+        except InfeasiblePlanError as failure:
+            failures.append(failure)
+    raise failures[0]
+
+
 def _best_plan(problem: RelayProblem) -> RelayPlan:
-    found: list[RelayPlan] = []
-    failure: InfeasiblePlanError | None = None
+    found = [] if problem.objective == "length" else list(parallel_plans(shortest_trips(problem)))
     try:
-        found.append(_shortest_plan(problem))
-    except InfeasiblePlanError as error:
-        failure = error
-    if problem.objective != "length":
-        found.extend(parallel_plans(shortest_trips(problem)))
-    if failure is not None and not found:
-        raise failure
+        found.append(first_feasible(problem, (_shortest_plan, papers_chain)))
+    except InfeasiblePlanError:
+        if not found:
+            raise
     return min(found, key=lambda one: score(problem, one))
 
 
 def _shortest_plan(problem: RelayProblem) -> RelayPlan:
-    """Return the shortest plan found; where the search is stuck, the paper's chain if that can be flown."""
-    try:
-        trips, passages = shortest_passages(problem)
-    except InfeasiblePlanError:
-        chain = _paper_chain(problem)
-        if chain is None:
-            raise
-        return chain
+    trips, passages = shortest_passages(problem)
     return assemble(trips, [[passage] for passage in passages])
-
-
-def _paper_chain(problem: RelayProblem) -> RelayPlan | None:
-    """Return the paper's chain with stop references of our own, None where it cannot be flown or is too inaccurate."""
-    if problem.max_leg_m is not None or problem.fence or problem.obstacles:
-        return None
-    try:
-        routes = paper.plan(problem).routes
-    except PlannerError:
-        return None
-    places = dict(problem.transmitters) | {route.receiver: route.target for route in routes}
-    if any(_passes(places[leg.guide], leg) for route in routes for leg in route.legs):
-        return None
-    receivers, slots = list(problem.receivers), list(problem.slots)
-    receiver = np.array([receivers.index(route.receiver) for route in routes])
-    slot = np.array([slots.index(route.slot) for route in routes])
-    station = {name: k for k, name in enumerate(problem.transmitters)}
-    station |= {route.receiver: len(station) + int(k) for route, k in zip(routes, slot, strict=True)}
-    passages = [
-        Passage(k, (station[first.guide], station[second.guide]), first.end, route.length_m)
-        for k, route in enumerate(routes)
-        for first, second in [route.legs]
-    ]
-    chain = assemble(trips_of(problem, receiver, slot), [[passage] for passage in passages])
-    limit_m = problem.tolerance_3sigma_m
-    return chain if limit_m is None or not _breaking(chain, limit_m) else None
-
-
-def _passes(guide: complex, leg: Leg) -> bool:
-    """Return whether a leg passes through its guide, where its bearing turns round."""
-    return ((leg.start - guide) * (leg.end - guide).conjugate()).real <= 0.0
 
 
 def _most_accurate(problem: RelayProblem, limit_m: float) -> RelayPlan:
@@ -109,13 +76,11 @@ def _most_accurate(problem: RelayProblem, limit_m: float) -> RelayPlan:
     return _best_plan(replace(problem, tolerance_3sigma_m=None))
 
 
-def _breaking(found: RelayPlan, limit_m: float) -> list[Route]:
-    return [route for route in found.routes if (route.predicted_3sigma_m or 0.0) > limit_m]
-
-
 def _out_of_tolerance(offered: RelayPlan, limit_m: float) -> InfeasiblePlanError:
     """Return the error that names who breaks the tolerance in the plan offered, and what would help."""
-    breaking = _breaking(offered, limit_m) or list(offered.routes)
+    breaking = [route for route in offered.routes if (route.predicted_3sigma_m or 0.0) > limit_m] or list(
+        offered.routes
+    )
     worst_m = max(route.predicted_3sigma_m or 0.0 for route in offered.routes)
     return InfeasiblePlanError(
         tuple(

@@ -11,7 +11,7 @@ from planner.accuracy import RelayErrors
 from planner.assignment import straight_line_bound
 from planner.errors import InfeasiblePlanError, Obstruction
 from planner.methods.joint.passage import Passage
-from planner.methods.joint.stops import land
+from planner.methods.joint.stops import landing_of
 from planner.methods.joint.trips import Mask, Trips
 from planner.methods.joint.waves import wave_of_each
 from planner.plan import RelayPlan, Route
@@ -60,7 +60,7 @@ class _Relay:
         """Return the route of a passage, and let its receiver stand in the slot."""
         trips, trip = self._trips, passage.trip
         receiver, slot = self._receivers[trips.receiver[trip]], self._slots[trips.slot[trip]]
-        landing = land(trips, passage, standing, self._errors)
+        landing = landing_of(trips, passage, standing, self._errors)
         if landing is None:
             blind = Obstruction(receiver, slot, "no pair of transmitters changes its angle along a leg")
             raise InfeasiblePlanError((blind,), _WAY_OUT)

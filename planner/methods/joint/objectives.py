@@ -22,11 +22,11 @@ WEIGHTS: dict[Objective, tuple[float, float, float]] = {
     "length": (1.0, 0.0, 0.0),
     "makespan": (1e-3, 1.0, 0.0),
     "emission": (1e-3, 0.0, 1.0),
-    "balanced": (1.0, 0.05, 0.005),
+    "balanced": (1.0, 0.03, 0.003),
 }
 """What a plan's length, makespan and emission weigh, each as a multiple of the least conceivable."""
 
-_DETOURS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0)
+_DETOURS = (0.05, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.5, 1.0)
 _BEACON_DETOURS = (0.1, 0.5)
 _BEACON_SETS_FLOWN = 16
 _BEACON_SLOTS = 40

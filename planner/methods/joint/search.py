@@ -18,7 +18,7 @@ import numpy as np
 from planner.accuracy import PositionError, RelayErrors
 from planner.methods.joint.guides import BestGuides, first_guides
 from planner.methods.joint.passage import Passage, passages
-from planner.methods.joint.stops import land
+from planner.methods.joint.stops import landing_of, within_tolerance
 from planner.methods.joint.trips import Mask, Reals, Trips
 
 _PASSAGES_TRIED = 12
@@ -164,12 +164,11 @@ def _estimates_m(trips: Trips, state: State, urgency_m: Reals) -> Reals:
 
 def _place(trips: Trips, state: State, trip: int, *, wide: bool) -> _Placement | None:
     """Return the shortest route of the trip that can be flown and is accurate enough, None if there is none."""
-    limit_m = trips.problem.tolerance_3sigma_m
     for passage in islice(passages(trips, trip, state.standing, state.waiting, wide=wide), _PASSAGES_TRIED):
-        if state.errors is None or limit_m is None:
+        if state.errors is None:
             return _Placement(passage, None)
-        landing = land(trips, passage, state.standing, state.errors)
-        if landing is not None and landing.within(limit_m):
+        landing = landing_of(trips, passage, state.standing, state.errors)
+        if landing is not None and within_tolerance(trips, landing):
             return _Placement(passage, landing.error)
     return None
 

@@ -22,6 +22,8 @@ _ALL_PAIRS_UP_TO = 81
 _WIDEST = 50
 _EFFORT = 20_000
 """States times squared receivers: the width of the beam shrinks as receivers are added."""
+_DEAR_RATIO, _WIDER = 1.1, 4
+"""A small swarm's plan that a tight tolerance makes this much longer than straight is searched again, so much wider."""
 _URGENCY_RATIO = 1.0
 _RESTARTS = 30
 _FEW_RESTARTS = 3
@@ -81,4 +83,10 @@ def _search(trips: Trips) -> Outcome:
     errors = None if problem.tolerance_3sigma_m is None else RelayErrors(trips.stations, noise_of(problem))
     width = max(1, min(_WIDEST, _EFFORT // count**2))
     urgency_m = np.full(count, _URGENCY_RATIO * problem.min_separation_m)
-    return beam_search(trips, first_state(trips, errors), width, urgency_m)
+    outcome = beam_search(trips, first_state(trips, errors), width, urgency_m)
+    straight_m = float(np.sum(trips.distance_m[trips.straight[trips.straight >= 0]]))
+    dear = outcome.complete and outcome.state.length_m > _DEAR_RATIO * straight_m
+    if errors is None or not dear or count * trips.slots.size > _ALL_PAIRS_UP_TO:
+        return outcome
+    wider = beam_search(trips, first_state(trips, errors), _WIDER * width, urgency_m)
+    return min(outcome, wider, key=lambda one: (not one.complete, one.state.length_m))

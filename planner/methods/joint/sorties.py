@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from planner.accuracy import RelayErrors
+from planner.landing import Landing
 from planner.methods.joint.passage import Passage, passages
-from planner.methods.joint.stops import Landing, land
+from planner.methods.joint.stops import landing_of, within_tolerance
 from planner.methods.joint.trips import Indices, Mask, Trips
 from planner.methods.joint.waves import paths_too_close
 from planner.relay_accuracy import noise_of
@@ -86,15 +86,14 @@ def _candidate(
 
     Without a tolerance a route is taken that cannot be depended on where there is no other.
     """
-    limit_m = trips.problem.tolerance_3sigma_m
     spare: _Candidate | None = None
     for passage in islice(passages(trips, trip, standing, waiting, on_air=on_air), _ROUTES_TRIED):
-        landing = land(trips, passage, standing & on_air, errors)
+        landing = landing_of(trips, passage, standing & on_air, errors)
         if landing is None:
             continue
-        if landing.within(math.inf if limit_m is None else limit_m):
+        if within_tolerance(trips, landing):
             return _Candidate(passage, landing)
-        if limit_m is None and spare is None:
+        if trips.problem.tolerance_3sigma_m is None and spare is None:
             spare = _Candidate(passage, landing)
     return spare
 

@@ -2,51 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import zip_longest
+from dataclasses import replace
 
 import numpy as np
 
-from planner.accuracy import Indices, LegLine, PositionError, RelayErrors, Stop, bearing_gradient
+from planner.accuracy import Indices, LegLine, RelayErrors, bearing_gradient, vector
+from planner.landing import Landing, land
 from planner.methods.joint.passage import Passage
 from planner.methods.joint.trips import Mask, Trips
+from planner.trimming import trim
 
 _CANDIDATES_PER_SIDE = 9
 _NO_LEG_RATIO = 1e-9
 """A leg shorter than this part of its route is not flown."""
 
 
-@dataclass(frozen=True)
-class Landing:
-    """The stops of a route, one for each leg flown, and the error the receiver is left with in its slot."""
-
-    stops: tuple[Stop, ...]
-    error: PositionError
-
-    def within(self, limit_m: float) -> bool:
-        """Whether the receiver ends within the limit, three sigma along the worst axis, and that can be relied on."""
-        return self.error.worst_axis_3sigma_m <= limit_m and all(stop.dependable for stop in self.stops)
-
-
-def land(trips: Trips, passage: Passage, standing: Mask, errors: RelayErrors) -> Landing | None:
+def landing_of(trips: Trips, passage: Passage, standing: Mask, errors: RelayErrors) -> Landing | None:
     """Return the stops that place the receiver best, None when some leg has no usable stop reference."""
     start, target = trips.starts[trips.receiver[passage.trip]], trips.slots[trips.slot[passage.trip]]
-    legs = legs_of(passage, complex(start), complex(target))
-    error = errors.at_start()
-    stops: list[Stop] = []
-    for leg, following in zip_longest(legs, legs[1:]):
-        stop = errors.stop(error, leg, _sensitive(trips, standing, leg), following)
-        if stop is None:
-            return None
-        stops.append(stop)
-        error = stop.error
-    if trips.problem.map_trim and stops:
-        on_air = sorted({station for stop in stops for station in (stop.leg.guide, *stop.reference)})
-        error, _ = errors.trim(error, complex(target), np.array(on_air))
-    return Landing(tuple(stops), error)
+    legs = _legs_of(passage, complex(start), complex(target))
+    landing = land(errors, legs, [_sensitive(trips, standing, leg) for leg in legs])
+    if landing is None or not trips.problem.map_trim or not legs:
+        return landing
+    error, _ = trim(errors, landing.error, complex(target), np.array(landing.transmitters))
+    return replace(landing, error=error)
 
 
-def legs_of(passage: Passage, start: complex, target: complex) -> list[LegLine]:
+def within_tolerance(trips: Trips, landing: Landing) -> bool:
+    """Return whether the receiver ends within the tolerance, if there is one, and that can be relied on."""
+    limit_m = trips.problem.tolerance_3sigma_m
+    return landing.dependable and (limit_m is None or landing.error.worst_axis_3sigma_m <= limit_m)
+
+
+def _legs_of(passage: Passage, start: complex, target: complex) -> list[LegLine]:
     """Return each leg that is longer than nothing."""
     corners = (start, passage.turning_point, target)
     flown = [
@@ -64,6 +52,6 @@ def _sensitive(trips: Trips, standing: Mask, leg: LegLine) -> Indices:
     stations = np.flatnonzero(standing & (trips.stations != leg.end))
     if stations.size <= 2 * _CANDIDATES_PER_SIDE:
         return stations
-    turn = bearing_gradient(leg.end, trips.stations[stations]) @ np.array([leg.direction.real, leg.direction.imag])
+    turn = bearing_gradient(leg.end, trips.stations[stations]) @ vector(leg.direction)
     ranked = np.argsort(turn, kind="stable")
     return np.concatenate([stations[ranked[:_CANDIDATES_PER_SIDE]], stations[ranked[-_CANDIDATES_PER_SIDE:]]])

@@ -68,12 +68,29 @@ def test_every_row_of_every_table_is_there(shown):
         "U17: the quoted 19.68 is shorter than the straight line 23.92",
         "model I flies straight through L1 (model II flies straight through L0)",
         "model I passes 2.38 from U5",
-        "quoted from print, not recomputed",
+        "quoted from print, and here reconstructed",
+        "It does not reproduce print: 494.57, 66% of 753.47. The paper gives no step rule; a descent",
+        "that reaches its slot cannot be as short as the quoted U2, U4.",
+        "It does not reproduce print: 1414.51, 76% of 1859.19",
+        "trilateration: reconstructed",
         "the paper's own Hungarian assignment is O(n^3)",
     ],
 )
 def test_it_states(words, statement):
     assert statement in words
+
+
+def test_the_reconstruction_stands_beside_the_quoted_lengths(shown):
+    _, _, text = shown
+    lines = [line.split() for line in text.splitlines()]
+    assert ["U1", "261.64", "66.41"] in [[*line[:1], *line[6:8]] for line in lines]
+    assert ["total", "753.47", "494.57"] in [[*line[:1], *line[5:7]] for line in lines]
+    assert ["total", "length", "753.47", "494.57"] in [line[:4] for line in lines]
+    assert ["Down", "1.3e-14", "0.0066", "1.2e-14", "0.0041"] in [
+        [line[0], f"{float(line[1]):.1e}", line[2], f"{float(line[3]):.1e}", line[4]]
+        for line in lines
+        if len(line) == 5 and line[0] == "Down"
+    ]
 
 
 def _altered(**tables: object) -> PrintedPaper:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from gcs.paper.chain import one_model_plan
 from gcs.paper.comparison import Comparison
 from gcs.paper.printed import PRINTED
 from gcs.paper.tables import recompute
@@ -116,3 +117,28 @@ def test_a_misprint_is_judged_by_its_correction():
     misprint = Comparison(printed=45.34, recomputed=42.74, misprint_for=42.74)
     assert misprint.holds
     assert not replace(misprint, recomputed=45.34).holds
+
+
+@pytest.mark.parametrize(("table", "total_m", "mean_steps"), [("table_3", 494.57, 10.25), ("table_4", 1414.51, 20.35)])
+def test_the_reconstructed_descents_all_arrive_and_do_not_reproduce_print(paper, table, total_m, mean_steps):
+    result = getattr(paper, table)
+    for row in result.rows:
+        assert row.geometric_here.converged, row.receiver
+        assert row.geometric_here.length_m > row.straight_line_m - 0.02, row.receiver
+    assert result.geometric_here_m == pytest.approx(total_m, abs=0.5)
+    assert result.mean_steps == pytest.approx(mean_steps, abs=0.5)
+    assert result.geometric_here_m < 0.8 * result.geometric_column.printed
+
+
+def test_trilateration_is_exact_from_exact_angles(paper):
+    for row in paper.table_2:
+        assert row.trilateration_exact_m < 1e-9
+        assert 1e-5 < row.trilateration_rounded_m < 0.007
+
+
+@pytest.mark.parametrize(("index", "total_m"), [(0, 616.50), (1, 571.27)])
+def test_the_plan_of_one_model_has_its_total_in_table_6(index, total_m):
+    plan = one_model_plan(PRINTED.table_3, index)
+    assert plan.total_length_m == pytest.approx(total_m, abs=0.005)
+    assert {route.model for route in plan.routes} == {("I", "II")[index]}
+    assert [route.slot for route in plan.routes] == [f"O{k}" for k in range(1, 9)]

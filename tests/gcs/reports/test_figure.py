@@ -66,7 +66,15 @@ def test_title_and_legend_say_what_is_shown(paper, tmp_path):
     draw_plan(paper.flyable, TRANSMITTERS, path, tracks={"U1": [0j, 1j]}, title="Twenty")
     text = path.read_text()
     assert "<!-- Twenty: total length 951.32 m -->" in text
-    for entry in ("leg 1", "leg 2", "transmitter", "slot", "start", "turning point", "bearing to the guide"):
+    for entry in (
+        "leg 1",
+        "leg 2",
+        "transmitter",
+        "slot",
+        "start, its wave in it",
+        "turning point",
+        "bearing to the guide",
+    ):
         assert f"<!-- {entry} -->" in text
     assert "<!-- flown track -->" in text
     assert "<!-- trim leg -->" not in text
