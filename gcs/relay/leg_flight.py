@@ -72,16 +72,33 @@ class LegFlight:
         """Take the next observation and steer by it; True when the leg has ended."""
         observation = await self.observations.next(self.settings.gap_s)
         now_s = self.clock.now_s()
-        problem = self.objection() or _unusable(flown.leg, observation, self.settings.gap_s)
-        if problem is None and observation is not None:
-            if self.monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad):
-                self._usable_s = now_s
-                return self._steer(flown, observation, now_s)
-            if now_s - self._usable_s >= self.settings.gap_s:
-                problem = "its bearings contradict the leg"
+        problem = self.objection()
+        if problem is None and observation is not None and self._accepted(observation):
+            self._usable_s = now_s
+            return self._steer(flown, observation, now_s)
+        problem = problem or self._overdue(observation, now_s)
         if problem is not None:
             self._suspend(problem, now_s)
         return False
+
+    def _accepted(self, observation: Observation) -> bool:
+        """Return whether an observation holds what the leg needs and agrees with it."""
+        return not self._missing(observation) and self.monitor.observe(
+            observation.captured_s, observation.directions_rad, observation.sigma_rad
+        )
+
+    def _missing(self, observation: Observation) -> set[str]:
+        leg = self.monitor.leg
+        return {leg.guide, *leg.stop_reference} - observation.directions_rad.keys()
+
+    def _overdue(self, observation: Observation | None, now_s: float) -> str | None:
+        """Return what has been wrong with the bearings for too long, in words, or None."""
+        if observation is None:
+            return f"no bearing report from its sensor for {self.settings.gap_s:g} s"
+        if now_s - self._usable_s < self.settings.gap_s:
+            return None
+        missing = self._missing(observation)
+        return f"it does not hear {', '.join(sorted(missing))}" if missing else "its bearings contradict the leg"
 
     def _steer(self, flown: LegRecord, observation: Observation, now_s: float) -> bool:
         """Renew the lease with the velocity that the angles ask for; True when the stop condition holds instead."""
@@ -112,14 +129,6 @@ class LegFlight:
         if self.record.reason != reason:
             self.record.reason = reason
             self.announce(self.record)
-
-
-def _unusable(leg: Leg, observation: Observation | None, gap_s: float) -> str | None:
-    """Return why an observation cannot steer this leg, in words, or None."""
-    if observation is None:
-        return f"no bearing report from its sensor for {gap_s:g} s"
-    missing = {leg.guide, *leg.stop_reference} - observation.directions_rad.keys()
-    return f"it does not hear {', '.join(sorted(missing))}" if missing else None
 
 
 def _subtended(leg: Leg, observation: Observation) -> float:

@@ -42,3 +42,19 @@ def test_the_paper_s_relay_forms(tmp_path: Path, uavs: int, planned_m: float) ->
     journal = [json.loads(line) for line in (folder / "journal.jsonl").read_text().splitlines()]
     placed = [entry["receiver"] for entry in journal if entry["state"] == "PLACED"]
     assert sorted(placed) == sorted(receiver["name"] for receiver in report["receivers"])
+
+
+def test_waves_of_the_joint_planner_form(tmp_path: Path) -> None:
+    playbook = "sitl_configs/waves_8.yaml"
+    report_path = tmp_path / "report.json"
+    options = ["--seed", "1", "--speedup", "5", "--json", str(report_path), "--runs-dir", str(tmp_path)]
+    flown = subprocess.run(
+        [sys.executable, "-m", "gcs.cli", "fly", playbook, *options],
+        capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert flown.returncode == 0, flown.stdout + flown.stderr
+    report = json.loads(report_path.read_text())
+    assert {receiver["state"] for receiver in report["receivers"]} == {"PLACED"}
+    assert report["planned_total_length_m"] <= 1.09 * report["straight_line_bound_m"]
+    assert max(receiver["placement_error_m"] for receiver in report["receivers"]) < 1.0
+    assert report["min_separation_m"] > 5.0
