@@ -19,6 +19,7 @@ from planner.accuracy import Indices, LegLine, PositionError, Reals, RelayErrors
 
 _BLIND_GRADIENT = 1e-12
 _LARGEST_TURN_RAD = 0.07
+"""Up to this standard deviation of where the leg begins, as seen from its guide, the linear model is trusted."""
 _REGARD_ALONG = 0.2
 """What a square metre along leg 1 weighs against one that reaches the slot: the linear model holds for small errors."""
 
@@ -31,7 +32,7 @@ class Stop:
     reference: tuple[int, int]
     error: PositionError
     dependable: bool
-    """Whether a linear model holds: not with a guide so near that it stands in the error's ellipse."""
+    """Whether a linear model holds: not where the leg begins so near its guide that it may begin beyond it."""
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from planner.accuracy import BearingNoise, LegLine, PositionError, RelayErrors, bearing_gradient
+from planner.landing import land
 from planner.methods import joint, paper
 from planner.relay import RelayProblem
 from planner.relay_accuracy import relay_accuracy
+from planner.sampled_route import sampled_error
 from planner.stop_accuracy import best_stop
 from planner.trimming import trim
 
@@ -157,20 +159,61 @@ def test_the_trim_does_what_it_predicts(noise):
     assert np.cov(left.T) == pytest.approx(trimmed.own, rel=0.1, abs=0.02)
 
 
-@pytest.mark.parametrize("case", ["eight", "twenty"])
-def test_the_trim_improves_every_receiver_of_a_relay(case, request, prediction_ratios):
-    make = request.getfixturevalue(case)
-    problem = make(tolerance_3sigma_m=5.0)
+LIMITS = {
+    "no limit": {},
+    "home": {"tolerance_3sigma_m": 5.0},
+    "compass": {"tolerance_3sigma_m": 2.5, "heading_referenced": True},
+}
+
+
+@pytest.fixture(scope="module", params=[(case, limits) for case in ("eight", "twenty") for limits in LIMITS], ids=str)
+def relay(request, flown_3sigma):
+    """A problem, its plan and the 3 sigma of each route's placement over 2,000 relays."""
+    case, limits = request.param
+    problem = request.getfixturevalue(case)(**LIMITS[limits])
     plan = joint.plan(problem)
+    return problem, plan, flown_3sigma(problem, plan)
+
+
+def test_every_receiver_of_a_relay_ends_as_accurately_as_predicted(relay):
+    _, plan, flown_m = relay
+    assert abs(flown_m / np.array([route.predicted_3sigma_m for route in plan.routes]) - 1.0).max() < 0.1
+
+
+def test_the_trim_improves_every_receiver_of_a_relay_or_leaves_it(relay, flown_3sigma):
+    problem, plan, untrimmed_m = relay
     trimmed = replace(problem, map_trim=True)
-    predicted = relay_accuracy(trimmed, plan.routes)
-    routes = tuple(
-        replace(route, predicted_3sigma_m=predicted[route.receiver].worst_axis_3sigma_m) for route in plan.routes
-    )
-    for before, after in zip(plan.routes, routes, strict=True):
-        assert after.predicted_3sigma_m <= before.predicted_3sigma_m + 1e-9
-    ratios = prediction_ratios(trimmed, replace(plan, routes=routes))
-    assert abs(ratios - 1.0).max() < 0.1
+    accuracy = relay_accuracy(trimmed, plan.routes)
+    predicted_m = np.array([accuracy[route.receiver].worst_axis_3sigma_m for route in plan.routes])
+    assert (predicted_m <= np.array([route.predicted_3sigma_m for route in plan.routes]) + 1e-9).all()
+    flown_m = flown_3sigma(trimmed, plan)
+    assert abs(flown_m / predicted_m - 1.0).max() < 0.1
+    sampling_error = 1.05
+    assert (flown_m <= sampling_error * untrimmed_m).all()
+
+
+LEGS = [LegLine(0, 40 + 10j, 52 + 13j), LegLine(2, 52 + 13j, 56 - 1j)]
+REFERENCES = [(1, 3), (0, 2)]
+
+
+@pytest.mark.parametrize("heading_referenced", [False, True])
+def test_with_little_noise_the_samples_say_what_the_linear_model_says(heading_referenced):
+    errors = RelayErrors(STATIONS, BearingNoise(1e-5, 10, 1e-3, heading_referenced))
+    errors.place(2, PositionError(np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-6, np.zeros((2, 4, 2))))
+    linear = errors.at_start()
+    for leg, reference in zip(LEGS, REFERENCES, strict=True):
+        linear = best_stop(errors, linear, leg, np.array(reference)).error
+    sampled = sampled_error(errors, LEGS, REFERENCES)
+    assert sampled.own == pytest.approx(linear.own, rel=1e-3)
+    assert sampled.shared == pytest.approx(linear.shared, rel=1e-3, abs=1e-9)
+
+
+def test_a_route_most_samples_lose_keeps_the_linear_prediction():
+    errors = RelayErrors(STATIONS, replace(HOME, start_sigma_m=40.0))
+    assert sampled_error(errors, LEGS, REFERENCES) is None
+    landing = land(errors, LEGS, [np.array(reference) for reference in REFERENCES])
+    assert not landing.dependable
+    assert landing.error is landing.stops[-1].error
 
 
 @pytest.mark.parametrize("heading_referenced", [False, True])
@@ -183,11 +226,28 @@ def test_the_accuracy_of_a_plan_is_what_the_plan_says(eight, heading_referenced)
         assert len(accuracy[route.receiver].leg_ends) == len(route.legs)
 
 
-def test_the_papers_chain_has_an_accuracy_too(eight, prediction_ratios):
-    problem = eight(heading_referenced=True)
+@pytest.mark.parametrize("heading_referenced", [False, True])
+def test_the_papers_chain_is_predicted_too(eight, heading_referenced, prediction_ratios):
+    problem = eight(heading_referenced=heading_referenced)
     chain = paper.plan(problem)
-    accuracy = relay_accuracy(problem, chain.routes)
-    assert all(0.0 < placement.worst_axis_3sigma_m < 30.0 for placement in accuracy.values())
+    assert abs(prediction_ratios(problem, chain) - 1.0).max() < 0.1
+
+
+def test_where_the_papers_chain_runs_out_of_proportion_nothing_is_predicted(ring):
+    chain = paper.plan(ring(60, 0, min_separation_m=0.0))
+    predicted_m = [route.predicted_3sigma_m for route in chain.routes]
+    assert predicted_m[0] is not None
+    assert predicted_m[-1] is None
+    assert all(one is None or 0.0 < one < 300.0 for one in predicted_m)
+
+
+def test_a_leg_of_no_length_leaves_the_error_as_it_was():
+    problem = RelayProblem({"L0": 0j, "L1": 100 + 0j}, {"U": 130 + 40j}, {"O": 115 + 20j}, min_separation_m=0.0)
+    route = paper.plan(problem).routes[0]
+    assert min(leg.length_m for leg in route.legs) < 1e-9
+    accuracy = relay_accuracy(problem, [route])["U"]
+    assert len(accuracy.leg_ends) == 2
+    assert accuracy.worst_axis_3sigma_m == pytest.approx(route.predicted_3sigma_m)
 
 
 def test_whom_a_stop_reference_tells_nothing_is_left_out_with_all_that_follow(eight):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planner.angles import subtended_angle, subtended_by_bearings, wrap, wrap_all
+from planner.angles import direction, subtended_angle, subtended_by_bearings, wrap, wrap_all
 from planner.frames import FormationFrame
 
 angles = st.floats(-50.0, 50.0)
@@ -44,7 +44,7 @@ def test_two_bearings_give_the_subtended_angle(vertex: complex, first: complex, 
     if min(abs(first - vertex), abs(second - vertex)) < 1e-3:
         return
     frame = FormationFrame(axis)
-    azimuths = [cmath.phase(frame.to_site(p) - frame.to_site(vertex)) for p in (first, second)]
+    azimuths = [direction(frame.to_site(p) - frame.to_site(vertex)) for p in (first, second)]
     measured = subtended_by_bearings(*azimuths)
     assert wrap(measured - float(subtended_angle(vertex, first, second))) == pytest.approx(0.0, abs=1e-6)
 

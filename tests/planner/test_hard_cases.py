@@ -30,10 +30,13 @@ def test_a_guide_on_the_line_to_the_slot_gives_one_leg(check_plan):
         assert plan.total_length_m == pytest.approx(60.0)
 
 
-def test_a_start_on_the_second_guides_line_makes_leg_1_nothing():
-    routes = general_routes(0j, 60 + 0j, 30 + 80j, -50 + 0j)
+@pytest.mark.parametrize(
+    ("guides", "turning_point"), [((-50 + 0j, 30 + 80j), 60 + 0j), ((30 + 80j, -50 + 0j), 0j)], ids=["first", "second"]
+)
+def test_a_guide_on_the_line_to_the_slot_makes_one_leg_nothing(guides, turning_point):
+    routes = general_routes(0j, 60 + 0j, *guides)
     assert routes.feasible
-    assert routes.turning_point == 0j
+    assert complex(routes.turning_point) == pytest.approx(turning_point)
     assert routes.length_m == pytest.approx(60.0)
 
 
@@ -52,7 +55,10 @@ def test_nearly_parallel_lines_are_rejected(tilt_rad):
 
 
 def test_a_slot_opposite_to_the_second_transmitter_needs_another_pair(check_plan):
-    with pytest.raises(InfeasiblePlanError):
+    for guides in ((0j, 100 + 0j), (100 + 0j, 0j)):
+        verdict = int(general_routes(30 + 60j, -100 + 0j, *guides).verdict)
+        assert verdict in {Verdict.AT_TRANSMITTER, Verdict.TOO_CLOSE}, "it turns at L0, or passes it"
+    with pytest.raises(InfeasiblePlanError, match="U -> O: blocked"):
         joint.plan(one([0j, 100 + 0j], 30 + 60j, -100 + 0j, min_separation_m=5.0))
     problem = one([0j, 100 + 0j, 0 - 100j], 30 + 60j, -100 + 0j, min_separation_m=5.0)
     check_plan(problem, joint.plan(problem))
@@ -115,6 +121,8 @@ def test_a_path_exactly_at_the_separation_is_accepted():
     obstacle = {"mast": 30 - 5j}
     problem = one([-50 + 0j, 30 + 80j], 0j, 60 + 0j, min_separation_m=5.0, obstacles=obstacle)
     assert joint.plan(problem).total_length_m == pytest.approx(60.0)
+    rounded = one([-50 + 0j, 30 + 80j], 0j, 60 + 0j, min_separation_m=5.0 + 1e-10, obstacles=obstacle)
+    assert joint.plan(rounded).total_length_m == pytest.approx(60.0)
     closer = one([-50 + 0j, 30 + 80j], 0j, 60 + 0j, min_separation_m=5.0 + 1e-6, obstacles=obstacle)
     with pytest.raises(InfeasiblePlanError, match="blocked"):
         joint.plan(closer)

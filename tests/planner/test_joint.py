@@ -10,6 +10,7 @@ import pytest
 from planner.errors import InfeasiblePlanError
 from planner.formations import circle
 from planner.methods import METHODS, joint, paper
+from planner.methods.joint.chain import papers_chain
 from planner.relay import RelayProblem
 
 COMPASS = {"heading_referenced": True, "tolerance_3sigma_m": 2.5}
@@ -43,18 +44,15 @@ def test_shortest_total_of_twenty(twenty, check_plan):
         ("twenty", COMPASS, 691.5),
     ],
 )
-def test_near_straight_plans_are_accurate(case, options, longest_m, request, check_plan, prediction_ratios):
+def test_near_straight_plans_keep_the_tolerance(case, options, longest_m, request, check_plan):
     problem = request.getfixturevalue(case)(**options)
     plan = joint.plan(problem)
     check_plan(problem, plan)
     assert plan.total_length_m <= longest_m
-    ratios = prediction_ratios(problem, plan)
-    assert ratios.min() > 0.9
-    assert ratios.max() < 1.1
 
 
 def test_equal_problems_have_equal_plans(eight):
-    assert joint.plan(eight(tolerance_3sigma_m=5.0)) == joint.plan(eight(tolerance_3sigma_m=5.0))
+    assert joint.plan(eight()) == joint.plan(eight())
 
 
 def test_trimmed_plans_are_predicted_more_accurate(eight):
@@ -77,15 +75,19 @@ def test_a_tolerance_nobody_can_meet_offers_the_best_plan(eight):
     assert "less noise" in caught.value.way_out
 
 
+@pytest.mark.slow
 def test_a_tolerance_just_missed_is_offered_nearly(twenty):
     with pytest.raises(InfeasiblePlanError) as caught:
         joint.plan(twenty(tolerance_3sigma_m=2.5))
     assert max(route.predicted_3sigma_m for route in caught.value.best.routes) < 1.6 * 2.5
 
 
-def test_a_tighter_tolerance_costs_length(eight):
-    loose, tight = (joint.plan(eight(tolerance_3sigma_m=limit_m)) for limit_m in (5.0, 3.6))
-    assert loose.total_length_m < tight.total_length_m
+@pytest.mark.slow
+def test_a_tighter_tolerance_costs_length(eight, check_plan):
+    problem = eight(tolerance_3sigma_m=3.6)
+    plan = joint.plan(problem)
+    check_plan(problem, plan)
+    assert joint.plan(eight(tolerance_3sigma_m=5.0)).total_length_m < plan.total_length_m < 475.0
 
 
 def test_more_receivers_than_slots_leave_some_waiting(eight, check_plan):
@@ -135,19 +137,44 @@ def test_ground_transmitters_are_flown_over(check_plan):
         joint.plan(replace(grounded, ground_transmitters=frozenset()))
 
 
-def test_where_the_search_is_stuck_the_papers_chain_serves(eight, monkeypatch, check_plan):
-    def stuck(problem):
-        raise InfeasiblePlanError((), "")
+def blocked(problem):
+    raise InfeasiblePlanError((), f"no way for {len(problem.receivers)}")
 
-    monkeypatch.setattr(joint, "shortest_passages", stuck)
+
+def test_where_one_method_is_stuck_the_next_serves(eight, check_plan):
     problem = eight()
-    plan = joint.plan(problem)
+    plan = joint.first_feasible(problem, (blocked, papers_chain))
     check_plan(problem, plan)
     assert plan.total_length_m == pytest.approx(paper.plan(problem).total_length_m)
-    with pytest.raises(InfeasiblePlanError):
-        joint.plan(eight(fence=(-200 - 200j, 200 - 200j, 200 + 200j, -200 + 200j)))
-    with pytest.raises(InfeasiblePlanError):
-        joint.plan(replace(problem, receivers=dict(list(problem.receivers.items())[:4])))
+
+
+def test_where_every_method_is_stuck_the_first_ones_reason_is_given(eight):
+    problem = replace(eight(), receivers=dict(list(eight().receivers.items())[:4]))
+    with pytest.raises(InfeasiblePlanError, match="no way for 4"):
+        joint.first_feasible(problem, (blocked, papers_chain))
+
+
+@pytest.mark.parametrize("heading_referenced", [False, True])
+def test_the_papers_chain_is_more_accurate_with_stop_references_of_its_own(eight, heading_referenced):
+    problem = eight(heading_referenced=heading_referenced)
+    own, papers = (
+        max(route.predicted_3sigma_m for route in plan(problem).routes) for plan in (papers_chain, paper.plan)
+    )
+    assert own < papers
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"fence": (-90 - 90j, 90 - 90j, 90 + 90j, -90 + 90j)},
+        {"max_leg_m": 30.0},
+        {"tolerance_3sigma_m": 2.0},
+        {"obstacles": {"mast": 60 + 65j}},
+    ],
+)
+def test_the_papers_chain_serves_only_within_the_limits(eight, limits):
+    with pytest.raises(InfeasiblePlanError, match="the paper's route"):
+        papers_chain(eight(**limits))
 
 
 def test_blocked_receivers_are_named_with_the_reason():

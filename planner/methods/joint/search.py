@@ -22,13 +22,13 @@ from planner.methods.joint.stops import landing_of, within_tolerance
 from planner.methods.joint.trips import Mask, Reals, Trips
 
 _PASSAGES_TRIED = 12
+"""Routes whose accuracy is looked at before a placement is given up."""
 _SMALL = 30
 _WIDE_UP_TO = 3
 """Receivers still waiting up to which a larger swarm looks at roundabout routes: another assignment is quicker."""
 _LAST_RESORT_M = 1e12
 _SURCHARGE_RATIO = 0.5
 """Separations charged to a trip while its straight way is obstructed: others may clear it first."""
-"""Routes whose accuracy is looked at before a placement is given up."""
 
 
 @dataclass(frozen=True)
