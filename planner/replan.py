@@ -13,8 +13,9 @@ from planner.routes import Verdict, make_leg, two_leg_routes
 def replan(route: Route, located: complex, transmitters: Mapping[str, complex], min_separation_m: float) -> Route:
     """Return the route with the same guides and stop references, but starting at `located`.
 
-    The turning point of a two-leg route moves with the start; a route of one leg just starts elsewhere. Points are in the formation frame, m; `transmitters`
-    holds every transmitter the route names. Raises PlannerError when the route cannot be flown from there.
+    The turning point of a two-leg route moves with the start; a route of one leg just starts elsewhere. Points are in
+    the formation frame, m; `transmitters` holds every transmitter the route names. Raises PlannerError when the route
+    cannot be flown from there.
     """
     turning_points = [leg.end for leg in route.legs[:-1]]
     if len(route.legs) == 2:
