@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drivers.errors import DriverError
+from drivers.simulation.sitl import SITLS
 from drivers.tasks import background
 from gcs.errors import ServiceError, leaves
 from gcs.monitor.terminal import result_lines, result_table, show_progress
@@ -50,10 +51,14 @@ app = typer.Typer(
 MethodName = Enum("MethodName", {name: name for name in METHODS}, type=str)  # type: ignore[misc]
 ObjectiveName = Enum("ObjectiveName", {name: name for name in get_args(Objective)}, type=str)  # type: ignore[misc]
 ReferenceName = Enum("ReferenceName", {"true_north": "true_north", "body": "body"}, type=str)
+SitlName = Enum("SitlName", {name: name for name in SITLS}, type=str)  # type: ignore[misc]
 
 PlaybookPath = Annotated[Path, typer.Argument(help="the playbook, a YAML file", metavar="PLAYBOOK")]
 Speedup = Annotated[
     float, typer.Option(help="embedded copters only: how much faster than real time", min=0.1, max=50.0)
+]
+SitlChoice = Annotated[
+    SitlName | None, typer.Option(help="fly on this autopilot's own simulator, in real time, from a program you have")
 ]
 SigmaDeg = Annotated[
     float | None, typer.Option(help="bearing noise, one standard deviation, degrees", min=0.0, max=20.0)
@@ -85,13 +90,15 @@ def demo(
 def fly_command(
     path: PlaybookPath,
     speedup: Speedup = 1.0,
+    sitl: SitlChoice = None,
     sigma_deg: SigmaDeg = None,
     seed: Seed = 0,
     json: ReportPath = None,
     runs_dir: RunsDir = Path("runs"),
 ) -> None:
     """Fly a playbook on the vehicles it names. Exit status 0 only when every receiver is PLACED."""
-    _fly(load_playbook(path), RunOptions(runs_dir, speedup, seed), sigma_deg, json)
+    options = RunOptions(runs_dir, speedup, seed, None if sitl is None else sitl.value)
+    _fly(load_playbook(path), options, sigma_deg, json)
 
 
 @app.command()

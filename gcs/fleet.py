@@ -1,4 +1,4 @@
-"""The fleet of a run: every vehicle behind its link, embedded copters started where the playbook names no links."""
+"""The fleet of a run: every vehicle behind its link, simulated ones started where the playbook names no links."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from drivers.mavlink.autopilots import autopilot_of
 from drivers.mavlink.autopilots.base import Autopilot
 from drivers.mavlink.codec import Codec
 from drivers.mavlink.link import Link, open_link
-from drivers.mavlink.setpoints import SetpointStreamer, StreamLimits
+from drivers.mavlink.setpoints import SetpointStreamer, StreamLimits, StreamState
 from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.launcher import CopterSpec, ProcessGroup, SimulatedTime, this_pid
+from drivers.simulation.sitl import Sitl, SitlVehicle
+from drivers.tasks import open_background
 from gcs.playbook.schema import Playbook
 from planner.frames import SiteFrame
 
@@ -24,21 +26,23 @@ HEARTBEAT_TIMEOUT_S = 30.0
 
 @dataclass(frozen=True)
 class Member:
-    """One vehicle of the fleet and the strategy that flies it."""
+    """One vehicle of the fleet, the strategy that flies it, and its setpoint stream."""
 
     vehicle: Vehicle
     autopilot: Autopilot
+    stream: SetpointStreamer
 
 
 @contextlib.asynccontextmanager
-async def open_links(playbook: Playbook, clock: Clock) -> AsyncIterator[dict[str, Vehicle]]:
-    """Open every link of the playbook; yield the vehicles by name. Embedded copters get a free port each."""
+async def open_links(playbook: Playbook, clock: Clock, sitl: Sitl | None) -> AsyncIterator[dict[str, Vehicle]]:
+    """Open every link of the playbook; yield the vehicles by name. Simulated ones get a port each."""
     async with contextlib.AsyncExitStack() as stack:
         links: dict[str, Link] = {}
         vehicles: dict[str, Vehicle] = {}
         for system_id, name in enumerate(playbook.uavs, start=1):
             if playbook.vehicles is None:
-                link = await stack.enter_async_context(open_link(LinkAddress("udpin", "127.0.0.1", 0), Codec(), clock))
+                address = LinkAddress("udpin", "127.0.0.1", 0 if sitl is None else sitl.port(system_id))
+                link = await stack.enter_async_context(open_link(address, Codec(), clock))
             else:
                 at = playbook.vehicles[name]
                 system_id = at.system_id  # noqa: PLW2901 - the playbook's own
@@ -51,19 +55,30 @@ async def open_links(playbook: Playbook, clock: Clock) -> AsyncIterator[dict[str
         yield vehicles
 
 
-async def start_copters(
-    playbook: Playbook, vehicles: dict[str, Vehicle], group: ProcessGroup, time: SimulatedTime
+async def start_vehicles(
+    playbook: Playbook, vehicles: dict[str, Vehicle], group: ProcessGroup, time: SimulatedTime, sitl: Sitl | None
 ) -> None:
-    """Start an embedded copter for every vehicle, at its start."""
+    """Start an embedded copter, or else an autopilot's own simulator, for every vehicle, at its start."""
     site, frame = SiteFrame(playbook.site.origin), playbook.site.frame
     for name, start in playbook.uavs.items():
-        vehicle = vehicles[name]
-        spec = CopterSpec(name, vehicle.system_id, vehicle.link.address.port, site.to_geodetic(frame.to_site(start)))
-        await group.start(name, spec.arguments(time, this_pid()))
+        system_id, port = vehicles[name].system_id, vehicles[name].link.address.port
+        home = site.to_geodetic(frame.to_site(start))
+        if sitl is None:
+            await group.start(name, CopterSpec(name, system_id, port, home).arguments(time, this_pid()))
+        else:
+            await sitl.start(SitlVehicle(name, system_id, port, home), group)
 
 
-async def take_off(playbook: Playbook, vehicles: dict[str, Vehicle]) -> dict[str, Member]:
-    """Bring every vehicle into guided flight at the playbook's altitude. VehicleError naming the one that refuses."""
+@contextlib.asynccontextmanager
+async def in_guided_flight(
+    playbook: Playbook, vehicles: dict[str, Vehicle], clock: Clock
+) -> AsyncIterator[dict[str, Member]]:
+    """Bring every vehicle into guided flight at the playbook's altitude and yield them, each with its stream running.
+
+    VehicleError naming the one that refuses. The streams are silent, or hold, until a lease is first renewed. They end
+    with the block; where guided flight ends with its stream, the vehicle is then left in a hold of its own.
+    """
+    limits = StreamLimits(lease_s=playbook.flight.lease_s, largest_speed_mps=playbook.flight.speed_mps)
 
     async def bring_up(vehicle: Vehicle) -> Member:
         await vehicle.wait_until(
@@ -75,19 +90,21 @@ async def take_off(playbook: Playbook, vehicles: dict[str, Vehicle]) -> dict[str
         autopilot = autopilot_of(vehicle)
         await autopilot.prepare(vehicle)
         await autopilot.take_off(vehicle, playbook.flight.altitude_m)
-        return Member(vehicle, autopilot)
+        stream = SetpointStreamer(vehicle, autopilot, playbook.flight.altitude_m, limits, clock)
+        member = Member(vehicle, autopilot, stream)
+        start(_stream(member))
+        return member
 
-    async with asyncio.TaskGroup() as group:
-        tasks = {name: group.create_task(bring_up(vehicle)) for name, vehicle in vehicles.items()}
-    return {name: task.result() for name, task in tasks.items()}
+    async with open_background() as start:
+        async with asyncio.TaskGroup() as group:
+            tasks = {name: group.create_task(bring_up(vehicle)) for name, vehicle in vehicles.items()}
+        yield {name: task.result() for name, task in tasks.items()}
 
 
-def open_streams(playbook: Playbook, members: dict[str, Member], clock: Clock) -> dict[str, SetpointStreamer]:
-    """Return a setpoint streamer for every receiver, silent until its lease is first renewed."""
-    limits = StreamLimits(lease_s=playbook.flight.lease_s, largest_speed_mps=playbook.flight.speed_mps)
-    return {
-        name: SetpointStreamer(
-            members[name].vehicle, members[name].autopilot, playbook.flight.altitude_m, limits, clock
-        )
-        for name in playbook.receivers
-    }
+async def _stream(member: Member) -> None:
+    try:
+        await member.stream.run()
+    finally:
+        needs_stream = member.autopilot.stream.idle_setpoint is not None
+        if needs_stream and member.stream.state is not StreamState.PILOT:
+            member.autopilot.hold(member.vehicle)

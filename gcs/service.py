@@ -22,10 +22,10 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BusError, DriverError
 from drivers.mavlink.vehicle import Kinematics, Vehicle
 from drivers.simulation.launcher import ProcessGroup, SimulatedTime, free_tcp_port, process_group, this_pid
-from drivers.tasks import background
+from drivers.simulation.sitl import SITLS, Sitl
 from gcs.bearings import BearingFeed
 from gcs.errors import ServiceError, leaves
-from gcs.fleet import Member, open_links, open_streams, start_copters, take_off
+from gcs.fleet import Member, in_guided_flight, open_links, start_vehicles
 from gcs.guidance import SpeedLimits
 from gcs.playbook.schema import Playbook
 from gcs.recording.journal import Journal, open_journal
@@ -56,6 +56,8 @@ class RunOptions:
     runs_dir: Path = Path("runs")
     speedup: float = 1.0
     seed: int = 0
+    sitl: str | None = None
+    """Fly on this autopilot's own simulator, in real time, instead of embedded copters."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,7 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
     """
     if playbook.vehicles is not None and options.speedup != 1.0:
         raise ServiceError("--speedup is for embedded copters only: this playbook names the links of its vehicles")
+    sitl = _sitl(playbook, options)
     if playbook.sensor.reference != "true_north":
         raise ServiceError("legs are flown along north-referenced bearings: sensor.reference must be true_north")
     sim_time = SimulatedTime(options.speedup, time.time_ns())
@@ -109,10 +112,12 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
         group = await stack.enter_async_context(process_group(folder.logs))
         endpoint = playbook.bus.router or await _start_router(group)
         bus = await stack.enter_async_context(_joined(endpoint))
-        vehicles = await stack.enter_async_context(open_links(playbook, clock))
+        vehicles = await stack.enter_async_context(open_links(playbook, clock, sitl))
         run = _Run(playbook, plan, options, clock, bus, journal, status, vehicles)
         if playbook.vehicles is None:
-            await _start_simulation(run, group, endpoint, sim_time)
+            status.phase = "starting the vehicles"
+            await start_vehicles(playbook, vehicles, group, sim_time, sitl)
+            await _start_sensors(run, group, endpoint, sim_time)
         report, score = await _relay(run)
     folder.write_json("report.json", report)
     figure = folder.path / "figure.svg"
@@ -143,10 +148,19 @@ async def _joined(endpoint: str) -> AsyncIterator[Bus]:
             await asyncio.sleep(0.1)
 
 
-async def _start_simulation(run: _Run, group: ProcessGroup, endpoint: str, sim_time: SimulatedTime) -> None:
-    """Start the embedded copters and their sensors."""
-    run.status.phase = "starting the copters"
-    await start_copters(run.playbook, run.vehicles, group, sim_time)
+def _sitl(playbook: Playbook, options: RunOptions) -> Sitl | None:
+    """Return the simulator asked for. ServiceError when it cannot fly this, SimulationError when the user has none."""
+    if options.sitl is None:
+        return None
+    if playbook.vehicles is not None or options.speedup != 1.0:
+        raise ServiceError("--sitl starts the vehicles itself, in real time: leave out 'vehicles' and --speedup")
+    sitl = SITLS[options.sitl]
+    sitl.find()
+    return sitl
+
+
+async def _start_sensors(run: _Run, group: ProcessGroup, endpoint: str, sim_time: SimulatedTime) -> None:
+    """Start the simulated sensors."""
     frame, sensor = run.playbook.site.frame, run.playbook.sensor
     sites = {name: frame.to_site(place) for name, place in run.playbook.beacons.items()}
     settings = SensorSettings(
@@ -178,13 +192,11 @@ async def _relay(run: _Run) -> tuple[dict[str, Any], Score]:
     _publish_positions(run, score)
     outcome: Outcome = "failed"
     run.status.phase = "taking off"
-    async with _failures_said(run.status):
-        members = await take_off(run.playbook, run.vehicles)
-        streams = open_streams(run.playbook, members, run.clock)
+    async with _failures_said(run.status), in_guided_flight(run.playbook, run.vehicles, run.clock) as members:
         executor = RelayExecutor(
             records,
             {name: transmitter.at for name, transmitter in run.playbook.transmitters.items()},
-            leases=streams,
+            leases={name: member.stream for name, member in members.items()},
             feed=feed,
             emission=emission,
             frame=frame,
@@ -194,12 +206,11 @@ async def _relay(run: _Run) -> tuple[dict[str, Any], Score]:
             announce=_announcer(run, emission),
         )
         run.status.phase, outcome = "relay", "aborted"
-        async with background(*(stream.run() for stream in streams.values())):
-            try:
-                with _stopping_on_interrupt(executor, run.status):
-                    await executor.run()
-            finally:
-                await run.clock.sleep(run.playbook.flight.lease_s)  # the last zero velocities go out
+        try:
+            with _stopping_on_interrupt(executor, run.status):
+                await executor.run()
+        finally:
+            await run.clock.sleep(run.playbook.flight.lease_s)  # the last zero velocities go out
         outcome = "formed" if executor.formed else "aborted"
         if executor.formed and run.playbook.flight.land_after:
             await _land(run, members)

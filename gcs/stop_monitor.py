@@ -37,6 +37,10 @@ OUTLIER_SIGMAS: Final = 5.0
 _DOUBT: Final = np.diag([0.1**2, 0.1**2, 0.5**2, 0.5**2])
 """What each outlier adds to the covariance, m^2 and m^2/s^2: reports that keep agreeing with each other win."""
 _NEAREST_M: Final = 0.5
+_NEAR_M: Final = 1.5
+_PATIENCE_S: Final = 3.0
+"""A vehicle that flies what it is told comes from near to arrived in less."""
+_WIDENING_MPS: Final = 0.1
 _COMMANDS_KEPT: Final = 50
 
 State = NDArray[np.float64]
@@ -53,11 +57,13 @@ class ArrivalRule:
     band_m: float
     dwell_s: float
     on_line: bool
+    widest_m: float = 0.0
+    """What the band widens to for a vehicle that has been near for a while and does not hold still better."""
 
 
-TURN = ArrivalRule(band_m=0.3, dwell_s=0.3, on_line=False)
+TURN = ArrivalRule(band_m=0.3, dwell_s=0.3, on_line=False, widest_m=0.6)
 """For a leg whose end is a turning point: the next leg takes out what is left."""
-SLOT = ArrivalRule(band_m=0.1, dwell_s=1.0, on_line=True)
+SLOT = ArrivalRule(band_m=0.1, dwell_s=1.0, on_line=True, widest_m=0.6)
 """For the leg that ends in the slot."""
 
 
@@ -100,7 +106,7 @@ class StopMonitor:
         to_leg = _leg_axes(self.course).T
         self._covariance = np.diag([0.0, 0.0, _INITIAL_SPEED_SIGMA_MPS**2, _INITIAL_SPEED_SIGMA_MPS**2])
         self._covariance[:2, :2] = to_leg @ self.start_covariance @ to_leg.T
-        self._state_time_s = self.time_s
+        self._state_time_s = self._near_since_s = self.time_s
 
     def commanded(self, time_s: float, along_mps: float, across_mps: float) -> None:
         """Note the velocity commanded from `time_s` on: along the leg, and to its left."""
@@ -149,14 +155,20 @@ class StopMonitor:
     def arrived(self, now_s: float) -> bool:
         """Return whether the stop condition holds: near, without a break, for the dwell."""
         estimate = self.estimate(now_s)
-        band_m = max(self.rule.band_m, estimate.remaining_sigma_m)
         off_m = max(abs(estimate.remaining_m), abs(estimate.cross_track_m) if self.rule.on_line else 0.0)
-        if off_m > band_m:
+        if off_m > max(self._band_m(off_m, now_s), estimate.remaining_sigma_m):
             self._within_since_s = None
             return False
         if self._within_since_s is None:
             self._within_since_s = now_s
         return now_s - self._within_since_s >= self.rule.dwell_s
+
+    def _band_m(self, off_m: float, now_s: float) -> float:
+        """Return how near is near enough: the rule's band, widened for a vehicle that hovers about its end."""
+        if off_m > _NEAR_M:
+            self._near_since_s = now_s
+        waited_s = max(0.0, now_s - self._near_since_s - _PATIENCE_S)
+        return max(self.rule.band_m, min(self.rule.band_m + _WIDENING_MPS * waited_s, self.rule.widest_m))
 
     def place(self) -> tuple[complex, NDArray[np.float64]]:
         """Return the receiver's place at the last report, formation frame, m, and its covariance, m^2."""

@@ -3,26 +3,26 @@
 No renewal: zero velocity, then silence, and the autopilot's own guided time-out holds the vehicle. The streamer never
 changes a mode; a heartbeat in any other mode than the guided one latches PILOT, and from then on nothing leaves until
 the operator releases it.
+
+Where guided flight ends with the stream, a vehicle that nobody moves is streamed the autopilot's idle setpoint, and a
+gap in the stream counts as a take-over: whoever has the vehicle then must not lose it to a stream that comes back.
 """
 
 from __future__ import annotations
 
 import cmath
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
-
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.clock import Clock
 from drivers.errors import SetpointError
 from drivers.mavlink.autopilots.base import Autopilot
 from drivers.mavlink.codec import Message
 from drivers.mavlink.link import Setpoint
+from drivers.mavlink.setpoint_messages import velocity_setpoint
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
-
-TYPE_MASK: Final = 0x05C7
-"""Velocity and yaw rate only; yaw rate 0 holds the heading, which antenna arrays care about."""
 
 ZERO_REPEATED_S: Final = 2.0
 """How long zero velocity is repeated before silence: longer than a copter needs to stop."""
@@ -30,6 +30,7 @@ ZERO_REPEATED_S: Final = 2.0
 _ALTITUDE_GAIN_PER_S: Final = 0.5
 _LARGEST_VERTICAL_MPS: Final = 1.0
 _ALTITUDE_FRESH_S: Final = 1.0
+_STANDING_MPS: Final = 0.5
 _SPEED_TOLERANCE: Final = 1.001
 
 
@@ -39,7 +40,10 @@ class StreamState(Enum):
     SILENT = "silent"
     LEASED = "leased"
     STOPPING = "stopping"
+    IDLING = "idling"
+    """Streaming the idle setpoint to an autopilot that would leave guided flight otherwise."""
     PILOT = "pilot"
+    """Somebody else has the vehicle: a pilot, another station, or a failsafe of its own."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +64,17 @@ class SetpointStreamer:
         self.vehicle = vehicle
         self.state = StreamState.PILOT  # until a heartbeat says that the vehicle is in its guided mode
         self._autopilot = autopilot
+        self._needs = autopilot.stream
         self._altitude_m = altitude_m
         self._limits = limits
         self._clock = clock
         self._velocity = 0j
+        self._idle: Message | None = None
         self._lease_until_s = 0.0
         self._zero_until_s = 0.0
+        self._sent_velocity = 0j
         self._last_sent_s = float("-inf")
+        self._lost_s = float("-inf")
         vehicle.on_heartbeat.append(self._watch_mode)
         self.release()
 
@@ -82,27 +90,32 @@ class SetpointStreamer:
                 f"{self.vehicle.name}: {abs(velocity_north_east_mps):.2f} m/s is faster than the limit of "
                 f"{self._limits.largest_speed_mps:g} m/s"
             )
-        if self.state is StreamState.PILOT:
+        if not self._has_vehicle():
             return
         self.state = StreamState.LEASED
         self._velocity = velocity_north_east_mps
         self._lease_until_s = self._clock.now_s() + self._limits.lease_s
-        self._send(velocity_north_east_mps, expires_s=self._lease_until_s)
+        self._send_velocity(expires_s=self._lease_until_s)
 
     def stop(self) -> None:
-        """Send zero velocity at once, ahead of everything else, repeat it while the vehicle stops, then be silent."""
-        if self.state is StreamState.PILOT:
+        """Send zero velocity at once, ahead of everything else, and repeat it while the vehicle stops."""
+        if not self._has_vehicle():
             return
         self.state = StreamState.STOPPING
         self._velocity = 0j
         self._zero_until_s = self._clock.now_s() + ZERO_REPEATED_S
-        self._send(0j, expires_s=self._zero_until_s)
+        self._send_velocity(expires_s=self._zero_until_s)
 
     def release(self) -> None:
-        """Give the vehicle back to the service after a pilot's take-over: the operator's word, never the service's."""
+        """Give the vehicle back to the service after a pilot's take-over: the operator's word, never the service's.
+
+        Nothing changes unless a heartbeat since then says that the vehicle is in its guided mode.
+        """
         heartbeat = self.vehicle.telemetry.heartbeat
-        if self.state is StreamState.PILOT and heartbeat is not None and self._autopilot.is_guided(heartbeat):
-            self.state = StreamState.SILENT
+        if self.state is not StreamState.PILOT or heartbeat is None or heartbeat.time_s < self._lost_s:
+            return
+        if self._autopilot.is_guided(heartbeat):
+            self._rest()
 
     async def run(self) -> None:
         """Repeat the current setpoint at the rate, and end it when the lease ends."""
@@ -112,36 +125,77 @@ class SetpointStreamer:
             self._tick(self._clock.now_s(), period_s)
 
     def _tick(self, now_s: float, period_s: float) -> None:
+        if self.state is StreamState.SILENT or not self._has_vehicle():
+            return
         if self.state is StreamState.LEASED and now_s >= self._lease_until_s:
             self.stop()
-        elif self.state is StreamState.STOPPING and now_s >= self._zero_until_s:
-            self.state = StreamState.SILENT
-        elif self.state in (StreamState.LEASED, StreamState.STOPPING) and now_s - self._last_sent_s >= period_s:
+        elif self.state is StreamState.STOPPING and (now_s >= self._zero_until_s or self._stands()):
+            self._rest()
+        elif now_s - self._last_sent_s >= period_s:
+            self._repeat()
+
+    def _stands(self) -> bool:
+        """Return whether the vehicle is slow enough to be held by its idle setpoint, where it has one."""
+        kinematics = self.vehicle.telemetry.kinematics
+        if self._needs.idle_setpoint is None or kinematics is None:
+            return False
+        return math.hypot(*kinematics.velocity_ned_mps[:2]) < _STANDING_MPS
+
+    def _repeat(self) -> None:
+        if self.state is StreamState.IDLING:
+            self._send_idle()
+        else:
             leased = self.state is StreamState.LEASED
-            self._send(self._velocity, expires_s=self._lease_until_s if leased else self._zero_until_s)
+            self._send_velocity(expires_s=self._lease_until_s if leased else self._zero_until_s)
+
+    def _rest(self) -> None:
+        """Be silent, or keep the stream up with a setpoint that moves nothing."""
+        if self._needs.idle_setpoint is None:
+            self.state = StreamState.SILENT
+            return
+        self.state = StreamState.IDLING
+        self._idle = self._needs.idle_setpoint(self.vehicle, self._altitude_m)
+        self._send_idle()
 
     def _watch_mode(self, heartbeat: Heartbeat) -> None:
         if not self._autopilot.is_guided(heartbeat):
-            self.state = StreamState.PILOT
-            self.vehicle.link.drop_setpoint(self.vehicle.system_id)
+            self._leave()
 
-    def _send(self, velocity: complex, expires_s: float) -> None:
-        self._last_sent_s = self._clock.now_s()
-        setpoint = Setpoint(self._setpoint(velocity), expires_s, stops=velocity == 0j)
+    def _has_vehicle(self) -> bool:
+        """Return whether the vehicle is the service's to move; after a gap in the stream it no longer is."""
+        now_s = self._clock.now_s()
+        gap_s = max(now_s - self._last_sent_s, self.vehicle.silent_for_s())  # one unheard may not have heard either
+        if self.state is not StreamState.PILOT and gap_s > self._needs.longest_gap_s:
+            self._lost_s = now_s
+            self._leave()
+        return self.state is not StreamState.PILOT
+
+    def _leave(self) -> None:
+        self.state = StreamState.PILOT
+        self.vehicle.link.drop_setpoint(self.vehicle.system_id)
+
+    def _send_velocity(self, expires_s: float) -> None:
+        velocity = self._reachable(self._velocity)
+        message = velocity_setpoint(self.vehicle.system_id, velocity, self._vertical_mps())
+        self._post(Setpoint(message, expires_s, stops=velocity == 0j), velocity)
+
+    def _send_idle(self) -> None:
+        expires_s = self._clock.now_s() + self._limits.lease_s
+        self._post(Setpoint(self._idle, expires_s, stops=False), 0j)
+
+    def _post(self, setpoint: Setpoint, velocity: complex) -> None:
+        self._last_sent_s, self._sent_velocity = self._clock.now_s(), velocity
         self.vehicle.link.post_setpoint(self.vehicle.system_id, setpoint)
 
-    def _setpoint(self, velocity: complex) -> Message:
-        return mavlink.MAVLink_set_position_target_local_ned_message(
-            0,
-            self.vehicle.system_id,
-            mavlink.MAV_COMP_ID_AUTOPILOT1,
-            mavlink.MAV_FRAME_LOCAL_NED,
-            TYPE_MASK,
-            *(0.0, 0.0, 0.0),
-            *(velocity.real, velocity.imag, self._vertical_mps()),
-            *(0.0, 0.0, 0.0),
-            *(0.0, 0.0),
-        )
+    def _reachable(self, velocity: complex) -> complex:
+        """Return the velocity to send on the way to the wanted one; a stop is never slowed down."""
+        if self._needs.acceleration_mps2 is None or velocity == 0j:
+            return velocity
+        passed_s = min(self._clock.now_s() - self._last_sent_s, 1.0 / self._limits.rate_hz)
+        largest_mps, change = self._needs.acceleration_mps2 * passed_s, velocity - self._sent_velocity
+        if abs(change) <= largest_mps:
+            return velocity
+        return self._sent_velocity + change * (largest_mps / abs(change))
 
     def _vertical_mps(self) -> float:
         """Return the downward speed of the slow altitude loop, m/s; level when the altitude is not fresh."""

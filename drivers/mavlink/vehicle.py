@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -50,6 +50,8 @@ class Telemetry:
     kinematics: Kinematics | None = None
     relative_altitude_m: float | None = None
     estimator_flags: int = 0
+    sensors_healthy: int = 0
+    """MAV_SYS_STATUS_SENSOR bits of what the autopilot calls healthy."""
     status_texts: deque[str] = field(default_factory=lambda: deque(maxlen=_STATUS_TEXTS_KEPT))
 
 
@@ -60,10 +62,10 @@ class Vehicle:
         self.name = name
         self.system_id = system_id
         self.link = link
+        self.clock = clock
         self.telemetry = Telemetry()
         self.on_heartbeat: list[Callable[[Heartbeat], None]] = []
         self.on_kinematics: list[Callable[[Kinematics], None]] = []
-        self._clock = clock
         self._changed = asyncio.Event()
         self._acks: dict[int, asyncio.Future[int]] = {}
         link.listen(Subscription(system_id, frozenset(_READERS), self._receive))
@@ -80,7 +82,7 @@ class Vehicle:
 
     def silent_for_s(self) -> float:
         """Return the time since the last message of any kind, s."""
-        return self._clock.now_s() - self.telemetry.last_message_s
+        return self.clock.now_s() - self.telemetry.last_message_s
 
     def failure(self, problem: str, way_out: str) -> VehicleError:
         """Return an error about this vehicle, with what the autopilot said last."""
@@ -90,13 +92,13 @@ class Vehicle:
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float, awaited: str, way_out: str) -> None:
         """Return when telemetry makes `condition` true; VehicleError after `timeout_s`."""
-        deadline_s = self._clock.now_s() + timeout_s
+        deadline_s = self.clock.now_s() + timeout_s
         while not condition():
-            if self._clock.now_s() >= deadline_s:
+            if self.clock.now_s() >= deadline_s:
                 raise self.failure(f"no {awaited} within {timeout_s:g} s", way_out)
             self._changed.clear()
             waiting = asyncio.ensure_future(self._changed.wait())
-            timer = asyncio.ensure_future(self._clock.sleep(deadline_s - self._clock.now_s()))
+            timer = asyncio.ensure_future(self.clock.sleep(deadline_s - self.clock.now_s()))
             try:
                 await asyncio.wait((waiting, timer), return_when=asyncio.FIRST_COMPLETED)
             finally:
@@ -120,7 +122,7 @@ class Vehicle:
         answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self._acks[command] = answer
         self.tell(command, *parameters)
-        timer = asyncio.ensure_future(self._clock.sleep(ACK_TIMEOUT_S))
+        timer = asyncio.ensure_future(self.clock.sleep(ACK_TIMEOUT_S))
         try:
             await asyncio.wait((answer, timer), return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -136,18 +138,25 @@ class Vehicle:
                 f"{what} refused with {result}", "Clear what the autopilot complains about, then try again."
             )
 
+    async def request_rates(self, rates_hz: Mapping[int, float]) -> None:
+        """Ask for messages by their id at a rate each. VehicleError when one is refused."""
+        for message_id, rate_hz in rates_hz.items():
+            await self.command(
+                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz, what=f"rate of message {message_id}"
+            )
+
     def _command(self, command: int, parameters: tuple[float, ...]) -> Message:
         padded = (*parameters, *(0.0,) * (7 - len(parameters)))
         return mavlink.MAVLink_command_long_message(self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1, command, 0, *padded)
 
     def _receive(self, message: Message) -> None:
-        self.telemetry.last_message_s = self._clock.now_s()
+        self.telemetry.last_message_s = self.clock.now_s()
         _READERS[message.get_msgId()](self, message)
         self._changed.set()
 
     def _read_heartbeat(self, message: Message) -> None:
         heartbeat = Heartbeat(
-            time_s=self._clock.now_s(),
+            time_s=self.clock.now_s(),
             vehicle_type=message.type,
             autopilot=message.autopilot,
             custom_mode=message.custom_mode,
@@ -160,7 +169,7 @@ class Vehicle:
 
     def _read_position(self, message: Message) -> None:
         kinematics = Kinematics(
-            time_s=self._clock.now_s(),
+            time_s=self.clock.now_s(),
             position=GeodeticPosition(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3),
             velocity_ned_mps=(message.vx * 0.01, message.vy * 0.01, message.vz * 0.01),
         )
@@ -171,6 +180,9 @@ class Vehicle:
 
     def _read_estimator(self, message: Message) -> None:
         self.telemetry.estimator_flags = message.flags
+
+    def _read_system_status(self, message: Message) -> None:
+        self.telemetry.sensors_healthy = message.onboard_control_sensors_health
 
     def _read_status_text(self, message: Message) -> None:
         self.telemetry.status_texts.append(message.text)
@@ -185,6 +197,7 @@ _READERS: dict[int, Callable[[Vehicle, Message], None]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: Vehicle._read_heartbeat,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Vehicle._read_position,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Vehicle._read_estimator,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: Vehicle._read_system_status,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT: Vehicle._read_status_text,
     mavlink.MAVLINK_MSG_ID_COMMAND_ACK: Vehicle._read_ack,
 }

@@ -8,9 +8,10 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from drivers.errors import SimulationError
 from planner.frames import GeodeticPosition
@@ -61,8 +62,18 @@ class ProcessGroup:
     log_dir: Path
     processes: dict[str, asyncio.subprocess.Process]
 
-    async def start(self, name: str, arguments: Sequence[str], stdin: bytes = b"") -> None:
-        """Start a Python process of this installation. SimulationError when it cannot be started."""
+    async def start(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        stdin: bytes = b"",
+        folder: Path | None = None,
+        environment: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Start a Python process of this installation, in its own folder and with more environment where given.
+
+        SimulationError when it cannot be started.
+        """
         try:
             with (self.log_dir / f"{name}.log").open("wb") as log_file:
                 process = await asyncio.create_subprocess_exec(
@@ -71,6 +82,8 @@ class ProcessGroup:
                     stdin=asyncio.subprocess.PIPE,
                     stdout=log_file,
                     stderr=log_file,
+                    cwd=folder,
+                    env={**os.environ, **environment},
                     start_new_session=True,  # a Ctrl-C in the terminal is the service's to handle, not theirs
                 )
         except OSError as error:

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from drivers.tasks import background
+from drivers.tasks import background, open_background
 
 
 class LostError(Exception):
@@ -59,3 +59,25 @@ async def test_a_task_that_ends_by_itself_leaves_the_body_running():
     async with background(short()):
         for _ in range(5):
             await asyncio.sleep(0)
+
+
+async def test_tasks_started_during_the_body_end_with_it():
+    ended = []
+    async with open_background() as start:
+        start(forever(ended))
+        await asyncio.sleep(0)
+        start(forever(ended))
+        await asyncio.sleep(0)
+        assert ended == []
+    assert ended == ["ended", "ended"]
+
+
+async def test_the_failure_of_a_task_started_during_the_body_ends_it():
+    async def body():
+        async with open_background() as start:
+            start(failing())
+            await asyncio.wait_for(asyncio.Event().wait(), 5.0)
+
+    with pytest.raises(ExceptionGroup) as caught:
+        await body()
+    assert caught.group_contains(LostError)

@@ -26,9 +26,11 @@ from drivers.aoa.simulated import SensorSettings
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import SensorFault, encode
 from drivers.bus.session import BusEndpoint, open_bus
+from drivers.mavlink.codec import Codec, FrameSplitter, Message
 from drivers.simulation.launcher import CopterSpec, ProcessGroup, SimulatedTime, free_tcp_port, process_group
+from drivers.simulation.sitl import Sitl, SitlVehicle
 from gcs.playbook.loader import load_playbook
-from planner.frames import SiteFrame
+from planner.frames import GeodeticPosition, SiteFrame
 
 PLAYBOOK = """\
 playbook: 1
@@ -54,28 +56,56 @@ class Wire(asyncio.DatagramProtocol):
     def __init__(self, service: tuple[str, int]) -> None:
         self.armed: bool | None = None
         """What the copter's last heartbeat said."""
+        self.modes: list[tuple[float, int]] = []
+        """(wall time, s; custom mode) of every heartbeat of the copter, when it was passed on."""
+        self.kinematics: list[tuple[float, GeodeticPosition, float]] = []
+        """(wall time, s; place; horizontal speed, m/s) as the copter told them."""
+        self.setpoints: list[float] = []
+        """Wall time of every setpoint of whatever kind that the service sent, s."""
         self.velocities: list[tuple[float, float]] = []
-        """(wall time, s; commanded horizontal speed, m/s) of every setpoint the service sent."""
+        """(wall time, s; commanded horizontal speed, m/s) of every velocity setpoint the service sent."""
         self._service = service
         self._copter: tuple[str, int] | None = None
-        self._codec = mavlink.MAVLink(None)
+        self._splitter = FrameSplitter()
+        self._codec = Codec()
+        self._pilot = mavlink.MAVLink(None, 254, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = transport
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        if addr != self._service:
+        from_service = addr == self._service
+        if not from_service:
             self._copter = addr
-            self.transport.sendto(data, self._service)
-        message = self._codec.decode(bytearray(data))
-        if addr != self._service:
-            if message.get_type() == "HEARTBEAT":
-                self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            return
+        if self._copter is not None:
+            self.transport.sendto(data, self._copter if from_service else self._service)
+        for frame in self._splitter.datagram(data):
+            message = self._codec.decode(frame)
+            if message is not None and from_service:
+                self._note_command(message)
+            elif message is not None and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
+                self._note_telemetry(message)
+
+    def command(self, *parameters: float) -> None:
+        """Send DO_SET_MODE to the copter as a pilot's station beside the service."""
+        assert self._copter is not None
+        padded = (*parameters, *(0.0,) * (7 - len(parameters)))
+        message = mavlink.MAVLink_command_long_message(3, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, *padded)
+        self.transport.sendto(message.pack(self._pilot), self._copter)
+
+    def _note_command(self, message: Message) -> None:
+        if message.get_type().startswith("SET_POSITION_TARGET"):
+            self.setpoints.append(time.monotonic())
         if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
             self.velocities.append((time.monotonic(), math.hypot(message.vx, message.vy)))
-        if self._copter is not None:
-            self.transport.sendto(data, self._copter)
+
+    def _note_telemetry(self, message: Message) -> None:
+        if message.get_type() == "HEARTBEAT":
+            self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.modes.append((time.monotonic(), message.custom_mode))
+        elif message.get_type() == "GLOBAL_POSITION_INT":
+            place = GeodeticPosition(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+            self.kinematics.append((time.monotonic(), place, math.hypot(message.vx, message.vy) * 0.01))
 
     def error_received(self, exc: Exception) -> None:
         """The service has gone: nothing to do."""
@@ -130,25 +160,29 @@ class Field:
 
 
 @contextlib.asynccontextmanager
-async def open_field(folder: Path) -> AsyncIterator[Field]:
-    """Open the field and start flying; everything in it ends with the block."""
+async def open_field(folder: Path, sitl: Sitl | None = None) -> AsyncIterator[Field]:
+    """Open the field, on embedded copters or a real autopilot, and fly; everything in it ends with the block."""
     loop = asyncio.get_running_loop()
-    ports = {"l0": free_udp_port(), "l1": free_udp_port(), "u1": free_udp_port()}
+    spoken_to = [0 if sitl is None else sitl.port(system_id) for system_id in (1, 2, 3)]
+    ports = {"l0": spoken_to[0] or free_udp_port(), "l1": spoken_to[1] or free_udp_port(), "u1": free_udp_port()}
     endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
     path = folder / "field.yaml"
     path.write_text(PLAYBOOK.format(bus=endpoint, **ports))
     playbook = load_playbook(path)
     site, frame = SiteFrame(playbook.site.origin), playbook.site.frame
     wire = Wire(("127.0.0.1", ports["u1"]))
-    transport, _ = await loop.create_datagram_endpoint(lambda: wire, local_addr=("127.0.0.1", 0))
+    transport, _ = await loop.create_datagram_endpoint(lambda: wire, local_addr=("127.0.0.1", spoken_to[2]))
     tapped = {**ports, "u1": transport.get_extra_info("sockname")[1]}
     time_now = SimulatedTime(1.0, time.time_ns())
     async with process_group(folder) as group:
         await group.start("router", ["-m", "drivers.bus.router", endpoint, "--parent-pid", str(os.getpid())])
         for system_id, (name, start) in enumerate(playbook.uavs.items(), start=1):
             home = site.to_geodetic(frame.to_site(start))
-            spec = CopterSpec(name, system_id, tapped[name.lower()], home)
-            await group.start(name, spec.arguments(time_now, os.getpid()))
+            port = tapped[name.lower()]
+            if sitl is None:
+                await group.start(name, CopterSpec(name, system_id, port, home).arguments(time_now, os.getpid()))
+            else:
+                await sitl.start(SitlVehicle(name, system_id, port, home), group)
         settings = SensorSettings(
             swarm="field", endpoint=endpoint, receivers=["U1"], beacons={}, sigma_rad=math.radians(0.1), rate_hz=10.0,
             latency_s=0.1, drop_out=0.0, seed=1, speedup=1.0, epoch_ns=time_now.epoch_ns, parent_pid=os.getpid(),

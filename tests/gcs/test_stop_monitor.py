@@ -54,7 +54,7 @@ class Flight:
                 return True
             along, across = leg_velocity(self.monitor.estimate(self.time_s), LIMITS)
             self.monitor.commanded(self.time_s, along, across)
-            self.command = self.monitor.course * complex(along, across)
+            self.command = self.monitor.course * complex(along, across) + self.stray()
         for _ in range(10):
             self.velocity += (self.command - self.velocity) * (PERIOD_S / 10) / RESPONSE_TIME_S
             self.place += self.velocity * PERIOD_S / 10
@@ -62,6 +62,10 @@ class Flight:
         return False
 
     command = 0j
+
+    def stray(self) -> complex:
+        """What the vehicle flies besides what it is told, m/s."""
+        return 0j
 
     def fly(self, limit_s: float = 90.0) -> float:
         """Fly to the end and return how far from it the receiver stands, m."""
@@ -95,6 +99,18 @@ def test_a_receiver_off_its_line_is_brought_back() -> None:
     leg = LEGS["away"]
     flight = Flight(leg, 0.02, 3, start=leg.start + 1.5j)
     assert flight.fly() < 0.25
+
+
+class Restless(Flight):
+    """A receiver whose own velocity estimate wanders, as PX4's does on its simulated sensors."""
+
+    def stray(self) -> complex:
+        return 0.3 * cmath.exp(1j * self.time_s / 1.3)
+
+
+def test_a_vehicle_that_cannot_hold_still_in_the_band_is_let_off_near_its_end() -> None:
+    for leg in LEGS.values():
+        assert Restless(leg, 0.02, 5).fly(limit_s=60.0) < 0.7
 
 
 def test_never_on_one_sample() -> None:

@@ -1,4 +1,7 @@
-"""ArduCopter: GUIDED, NAV_TAKEOFF, BRAKE, LAND, as measured on 4.6."""
+"""ArduCopter: GUIDED, NAV_TAKEOFF, BRAKE, LAND, RTL, as measured on 4.6.
+
+In silence it hovers in GUIDED after GUID_TIMEOUT: it needs no stream while nobody moves it. It shapes velocity itself.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from drivers.mavlink.autopilots.base import MULTICOPTERS, StreamNeeds
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
 
 MODE_GUIDED: Final = 4
+MODE_RTL: Final = 6
 MODE_LAND: Final = 9
 MODE_BRAKE: Final = 17
 
@@ -19,6 +24,7 @@ ARM_TIMEOUT_S: Final = 5.0
 CLIMB_TIMEOUT_S: Final = 20.0
 CLIMB_S_PER_M: Final = 2.0
 LAND_TIMEOUT_S: Final = 120.0
+RETURN_TIMEOUT_S: Final = 600.0
 _REACHED: Final = 0.95
 
 _ESTIMATOR_POSITION_ABSOLUTE: Final = mavlink.EKF_POS_HORIZ_ABS
@@ -32,15 +38,8 @@ _RATES_HZ: Final = {
 class ArduCopter:
     """ArduPilot on a multicopter."""
 
-    vehicle_types = frozenset(
-        {
-            mavlink.MAV_TYPE_QUADROTOR,
-            mavlink.MAV_TYPE_HEXAROTOR,
-            mavlink.MAV_TYPE_OCTOROTOR,
-            mavlink.MAV_TYPE_TRICOPTER,
-            mavlink.MAV_TYPE_COAXIAL,
-        }
-    )
+    vehicle_types = MULTICOPTERS
+    stream = StreamNeeds()
 
     def is_guided(self, heartbeat: Heartbeat) -> bool:
         """Return whether the mode is GUIDED."""
@@ -48,10 +47,7 @@ class ArduCopter:
 
     async def prepare(self, vehicle: Vehicle) -> None:
         """Request position and estimator status, and wait for an absolute position estimate."""
-        for message_id, rate_hz in _RATES_HZ.items():
-            await vehicle.command(
-                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz, what=f"rate of message {message_id}"
-            )
+        await vehicle.request_rates(_RATES_HZ)
         await vehicle.wait_until(
             lambda: (
                 bool(vehicle.telemetry.estimator_flags & _ESTIMATOR_POSITION_ABSOLUTE)
@@ -79,12 +75,17 @@ class ArduCopter:
 
     def hold(self, vehicle: Vehicle) -> None:
         """Ask for BRAKE."""
-        vehicle.tell_urgently(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, MODE_BRAKE)
+        _ask(vehicle, MODE_BRAKE)
 
     async def land(self, vehicle: Vehicle) -> None:
         """Ask for LAND and wait until the copter has disarmed itself."""
-        vehicle.tell_urgently(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, MODE_LAND)
+        _ask(vehicle, MODE_LAND)
         await vehicle.wait_until(lambda: not vehicle.armed, LAND_TIMEOUT_S, "touch-down", "Land it by hand.")
+
+    async def return_home(self, vehicle: Vehicle) -> None:
+        """Ask for RTL, which lands at home, and wait until the copter has disarmed itself."""
+        _ask(vehicle, MODE_RTL)
+        await vehicle.wait_until(lambda: not vehicle.armed, RETURN_TIMEOUT_S, "touch-down at home", "Land it by hand.")
 
     async def _enter(self, vehicle: Vehicle, mode: int, name: str) -> None:
         """Ask for a mode and believe only the heartbeat: an acknowledged change may not have happened."""
@@ -92,3 +93,7 @@ class ArduCopter:
         await vehicle.wait_until(
             lambda: vehicle.custom_mode == mode, MODE_TIMEOUT_S, f"heartbeat in {name}", "Another station or RC switch?"
         )
+
+
+def _ask(vehicle: Vehicle, mode: int) -> None:
+    vehicle.tell_urgently(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mode)

@@ -2,9 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.mavlink.codec import Message
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
+
+MULTICOPTERS: Final = frozenset(
+    {
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_TYPE_HEXAROTOR,
+        mavlink.MAV_TYPE_OCTOROTOR,
+        mavlink.MAV_TYPE_TRICOPTER,
+        mavlink.MAV_TYPE_COAXIAL,
+    }
+)
+
+IdleSetpoint = Callable[[Vehicle, float], Message]
+"""Returns the setpoint that keeps a vehicle where it is now, at an altitude above home, m."""
+
+
+@dataclass(frozen=True)
+class StreamNeeds:
+    """What an autopilot needs of its setpoint stream; the default suits one that hovers by itself in silence."""
+
+    idle_setpoint: IdleSetpoint | None = None
+    """Where guided flight ends with the stream: what is streamed to a vehicle that nobody moves."""
+    longest_gap_s: float = math.inf
+    """After a longer gap the autopilot may have left guided flight, and would be seized by a stream that comes back."""
+    acceleration_mps2: float | None = None
+    """It follows a jump in velocity at once: the stream changes it no faster. None where the autopilot shapes it."""
 
 
 class Autopilot(Protocol):
@@ -13,6 +44,11 @@ class Autopilot(Protocol):
     @property
     def vehicle_types(self) -> frozenset[int]:
         """The MAV_TYPEs this strategy can fly."""
+        ...
+
+    @property
+    def stream(self) -> StreamNeeds:
+        """What it needs of its setpoint stream."""
         ...
 
     def is_guided(self, heartbeat: Heartbeat) -> bool:
@@ -24,7 +60,10 @@ class Autopilot(Protocol):
         ...
 
     async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
-        """Enter the guided mode, arm, and climb to `altitude_m` above home. VehicleError when any of it is refused."""
+        """Enter the guided mode, arm, and climb to `altitude_m` above home. VehicleError when any of it is refused.
+
+        Where guided flight needs a stream, the caller takes it over without a gap.
+        """
         ...
 
     def hold(self, vehicle: Vehicle) -> None:
@@ -33,4 +72,8 @@ class Autopilot(Protocol):
 
     async def land(self, vehicle: Vehicle) -> None:
         """Land where it is and wait until disarmed."""
+        ...
+
+    async def return_home(self, vehicle: Vehicle) -> None:
+        """Fly home by the autopilot's own return mode, land there and wait until disarmed."""
         ...

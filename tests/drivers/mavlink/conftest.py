@@ -46,7 +46,7 @@ class FakeWire:
 
     @property
     def setpoints(self):
-        return [sent for sent in self.sent if sent.message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+        return [sent for sent in self.sent if sent.message.get_type().startswith("SET_POSITION_TARGET")]
 
     @property
     def commands(self):
@@ -76,9 +76,9 @@ class Speaker:
     def say(self, message):
         self._link.receive(self.frame(message))
 
-    def heartbeat(self, mode=4, *, armed=True, autopilot=3, vehicle_type=2):
+    def heartbeat(self, mode=4, *, armed=True, autopilot=3, vehicle_type=2, status=4):
         base_mode = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
-        self.say(mavlink.MAVLink_heartbeat_message(vehicle_type, autopilot, base_mode, mode, 4, 3))
+        self.say(mavlink.MAVLink_heartbeat_message(vehicle_type, autopilot, base_mode, mode, status, 3))
 
     def at_height(self, height_m):
         self.say(
@@ -89,6 +89,9 @@ class Speaker:
 
     def estimator(self, flags):
         self.say(mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.1))
+
+    def health(self, sensors):
+        self.say(mavlink.MAVLink_sys_status_message(0, 0, sensors, *(0,) * 10))
 
     def text(self, text):
         self.say(mavlink.MAVLink_statustext_message(3, text.encode()))

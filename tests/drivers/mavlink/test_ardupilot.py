@@ -1,7 +1,5 @@
 """ArduCopter, against a copter that acknowledges one thing and does another."""
 
-import asyncio
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -10,6 +8,7 @@ from drivers.mavlink.autopilots import autopilot_of
 from drivers.mavlink.autopilots.ardupilot import READY_TIMEOUT_S, ArduCopter
 from drivers.mavlink.link import Setpoint
 from drivers.mavlink.vehicle import Heartbeat
+from tests.drivers.mavlink.scripted import Flight
 from tests.fakes import settle
 
 SET_MODE, ARM, TAKE_OFF = (
@@ -18,63 +17,15 @@ SET_MODE, ARM, TAKE_OFF = (
     mavlink.MAV_CMD_NAV_TAKEOFF,
 )
 SET_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-STABILIZE, GUIDED, LAND, BRAKE = 0, 4, 9, 17
+STABILIZE, GUIDED, RTL, LAND, BRAKE = 0, 4, 6, 9, 17
 READY = mavlink.EKF_POS_HORIZ_ABS | mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_HORIZ
 ALTITUDE_M = 10.0
 
 
-class ScriptedCopter:
-    """Acknowledges every command with ACCEPTED unless told otherwise; the test says what its telemetry shows."""
-
-    def __init__(self, rig):
-        self.speaker = rig.copter
-        self.results = {}
-        self.reasons = {}
-        self.mute = set()
-        rig.wire.on_send = self._obey
-
-    def _obey(self, message):
-        if message.get_type() == "COMMAND_LONG":
-            asyncio.get_running_loop().call_soon(self._answer, message.command)
-
-    def _answer(self, command):
-        if command in self.reasons:
-            self.speaker.text(self.reasons[command])
-        if command not in self.mute:
-            self.speaker.acknowledge(command, self.results.get(command, mavlink.MAV_RESULT_ACCEPTED))
-
-
-class Flight:
-    def __init__(self, rig):
-        self.rig, self.clock, self.wire = rig, rig.clock, rig.wire
-        self.copter = ScriptedCopter(rig)
-        self.says = rig.copter
-        self.vehicle = rig.vehicle()
-        self.says.heartbeat(mode=STABILIZE, armed=False)
-        self.autopilot = ArduCopter()
-        self._tasks = []
-
-    @property
-    def commands(self):
-        return [message.command for message in self.wire.commands]
-
-    async def start(self, coroutine):
-        self._tasks.append(asyncio.create_task(coroutine))
-        await settle()
-        return self._tasks[-1]
-
-    async def take_off(self):
-        return await self.start(self.autopilot.take_off(self.vehicle, ALTITUDE_M))
-
-    async def close(self):
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-
 @pytest.fixture
 async def flight(rig):
-    flight = Flight(rig)
+    flight = Flight(rig, ArduCopter(), ALTITUDE_M)
+    flight.says.heartbeat(mode=STABILIZE, armed=False)
     yield flight
     await flight.close()
 
@@ -267,6 +218,19 @@ async def test_landing_is_asked_for_ahead_of_everything_and_waits_until_disarmed
     assert call.exception() is None
 
 
+async def test_a_return_is_asked_for_as_rtl_and_waits_until_disarmed(flight):
+    flight.says.heartbeat(mode=GUIDED, armed=True)
+    call = await flight.start(flight.autopilot.return_home(flight.vehicle))
+    assert [(message.param1, message.param2) for message in flight.wire.commands] == [(1.0, RTL)]
+    flight.says.heartbeat(mode=RTL, armed=True)
+    await flight.clock.advance(100.0)
+    assert not call.done()
+    flight.says.heartbeat(mode=RTL, armed=False)
+    await settle()
+    assert call.done()
+    assert call.exception() is None
+
+
 async def test_a_landing_that_does_not_end_is_an_error(flight):
     flight.says.heartbeat(mode=GUIDED, armed=True)
     call = await flight.start(flight.autopilot.land(flight.vehicle))
@@ -290,10 +254,19 @@ async def test_the_strategy_follows_from_the_heartbeat(rig):
         pytest.param(mavlink.MAV_AUTOPILOT_GENERIC, mavlink.MAV_TYPE_QUADROTOR, id="an unknown autopilot"),
         pytest.param(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_FIXED_WING, id="an aeroplane"),
         pytest.param(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_GROUND_ROVER, id="a rover"),
+        pytest.param(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_SUBMARINE, id="a submarine"),
+        pytest.param(mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_GROUND_ROVER, id="a rover with PX4"),
     ],
 )
 async def test_what_cannot_be_flown_is_refused_by_name(rig, autopilot, vehicle_type):
     vehicle = rig.vehicle()
     rig.copter.heartbeat(autopilot=autopilot, vehicle_type=vehicle_type)
     with pytest.raises(VehicleError, match=rf"U1 .*autopilot {autopilot} on vehicle type {vehicle_type}"):
+        autopilot_of(vehicle)
+
+
+async def test_a_refusal_says_in_words_what_the_vehicle_is(rig):
+    vehicle = rig.vehicle()
+    rig.copter.heartbeat(vehicle_type=mavlink.MAV_TYPE_SUBMARINE)
+    with pytest.raises(VehicleError, match=r"\(ardupilotmega, submarine\).*multicopters with ArduPilot or PX4"):
         autopilot_of(vehicle)

@@ -1,0 +1,245 @@
+"""A stream that an autopilot needs even at rest: it holds, it never has a gap, and after one it never comes back."""
+
+import asyncio
+import cmath
+import contextlib
+import itertools
+import math
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from drivers.mavlink.autopilots.px4 import ACCELERATION_MPS2, LONGEST_GAP_S, Px4Copter
+from drivers.mavlink.setpoints import SetpointStreamer, StreamLimits, StreamState
+from tests.fakes import ManualClock, settle
+
+OFFBOARD, LOITER, POSCTL = 0x0006_0000, 0x0304_0000, 0x0003_0000
+ALTITUDE_M = 10.0
+LIMITS = StreamLimits(rate_hz=10.0, lease_s=0.5, largest_speed_mps=5.0)
+
+
+class Stream:
+    """A streamer that runs, for a PX4 in OFFBOARD at its altitude, whose telemetry flows as the test lets time pass."""
+
+    def __init__(self, rig):
+        self.rig, self.clock, self.wire = rig, rig.clock, rig.wire
+        self.vehicle = rig.vehicle()
+        self.mode, self.speed_mps = OFFBOARD, 0.0
+        self.speak()
+        self.streamer = SetpointStreamer(self.vehicle, Px4Copter(), ALTITUDE_M, LIMITS, self.clock)
+
+    def speak(self):
+        self.rig.copter.heartbeat(mode=self.mode, autopilot=mavlink.MAV_AUTOPILOT_PX4)
+        self.rig.copter.say(
+            mavlink.MAVLink_global_position_int_message(
+                0, 474_000_000, 85_000_000, 439_000, 9_000, round(self.speed_mps * 100), 0, 0, 0
+            )
+        )
+
+    async def live(self, duration_s, velocity=None):
+        """Let time pass with telemetry, renewing a velocity where one is given."""
+        for _ in range(round(duration_s / 0.1)):
+            self.speak()
+            if velocity is not None:
+                self.streamer.renew(velocity)
+            await self.clock.advance(0.1)
+
+    @property
+    def sent(self):
+        return self.wire.setpoints
+
+    @property
+    def velocities(self):
+        """(time, north + i east) of every velocity setpoint that left."""
+        wanted = "SET_POSITION_TARGET_LOCAL_NED"
+        return [
+            (at.time_s, complex(at.message.vx, at.message.vy)) for at in self.sent if at.message.get_type() == wanted
+        ]
+
+    @contextlib.asynccontextmanager
+    async def running(self):
+        runner = asyncio.create_task(self.streamer.run())
+        await settle()
+        try:
+            yield self
+            assert not runner.done(), "the streamer ended"
+        finally:
+            runner.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await runner
+
+
+@pytest.fixture
+async def stream(rig):
+    async with Stream(rig).running() as stream:
+        yield stream
+
+
+def largest_gap_s(stream):
+    return max(later.time_s - earlier.time_s for earlier, later in itertools.pairwise(stream.sent))
+
+
+async def test_a_vehicle_nobody_moves_is_streamed_its_place_at_its_altitude(stream):
+    await stream.live(5.0)
+    assert stream.streamer.state is StreamState.IDLING
+    assert stream.velocities == []
+    (setpoint,) = {
+        (m.message.lat_int, m.message.lon_int, m.message.alt, m.message.type_mask, m.message.coordinate_frame)
+        for m in stream.sent
+    }
+    assert setpoint == (474_000_000, 85_000_000, 440.0, 0x05F8, mavlink.MAV_FRAME_GLOBAL_INT)
+    assert largest_gap_s(stream) < 0.16
+
+
+async def test_before_during_and_after_a_leg_the_stream_has_no_gap(stream):
+    await stream.live(2.0)
+    await stream.live(3.0, 3 + 0j)
+    stream.streamer.stop()
+    await stream.live(5.0)
+    assert largest_gap_s(stream) < 0.16
+    assert stream.streamer.state is StreamState.IDLING
+
+
+async def test_a_velocity_is_approached_no_faster_than_the_vehicle_may_accelerate(stream):
+    await stream.live(4.0, 5 + 0j)
+    await stream.live(4.0, -3j)
+    flown = [(stream.velocities[0][0] - 0.1, 0j), *stream.velocities]
+    for (earlier_s, earlier), (later_s, later) in itertools.pairwise(flown):
+        assert abs(later - earlier) <= ACCELERATION_MPS2 * (later_s - earlier_s) + 1e-6
+    assert max(abs(velocity) for _, velocity in flown) <= LIMITS.largest_speed_mps
+    assert flown[-1][1] == pytest.approx(-3j)
+
+
+@pytest.mark.parametrize("way", ["stop", "renewal with zero"])
+async def test_a_stop_is_never_slowed_down(stream, way):
+    await stream.live(4.0, 5 + 0j)
+    if way == "stop":
+        stream.streamer.stop()
+    else:
+        stream.streamer.renew(0j)
+    await settle()
+    assert stream.velocities[-1] == (stream.clock.now_s(), 0j)
+
+
+async def test_zero_velocity_is_repeated_until_the_vehicle_is_slow_and_then_its_place_is_held(stream):
+    stream.speed_mps = 4.0
+    await stream.live(2.0, 4 + 0j)
+    stream.streamer.stop()
+    await stream.live(1.0)
+    assert stream.streamer.state is StreamState.STOPPING
+    stream.speed_mps = 0.3
+    await stream.live(0.2)
+    assert stream.streamer.state is StreamState.IDLING
+
+
+async def test_a_place_told_too_long_ago_is_not_gone_back_to(stream):
+    stream.speed_mps = 4.0
+    await stream.live(1.0, 4 + 0j)
+    for _ in range(40):
+        stream.rig.copter.heartbeat(mode=OFFBOARD, autopilot=mavlink.MAV_AUTOPILOT_PX4)  # but no position
+        await stream.clock.advance(0.1)
+    assert stream.streamer.state is StreamState.IDLING
+    assert stream.velocities[-1][1] == 0j
+    assert stream.sent[-1].message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
+
+
+@pytest.mark.parametrize("mode", [LOITER, POSCTL, 0x0504_0000, 0x0604_0000])
+@pytest.mark.parametrize("moving", [True, False])
+async def test_any_other_mode_is_somebody_elses_and_ends_the_stream_for_good(stream, mode, moving):
+    await stream.live(2.0, 3 + 0j if moving else None)
+    stream.mode = mode
+    stream.speak()
+    left = len(stream.sent)
+    await stream.live(3.0, 3 + 0j)
+    stream.mode = OFFBOARD
+    await stream.live(3.0, 3 + 0j)
+    stream.streamer.stop()
+    await stream.live(1.0)
+    assert len(stream.sent) == left
+    assert stream.streamer.state is StreamState.PILOT
+
+
+@pytest.mark.parametrize("moving", [True, False])
+async def test_a_stream_that_had_a_gap_does_not_come_back_whatever_the_last_heartbeat_said(stream, moving):
+    await stream.live(2.0, 3 + 0j if moving else None)
+    left = len(stream.sent)
+    stream.clock.jump(LONGEST_GAP_S + 0.1)  # the event loop was busy
+    stream.streamer.renew(3 + 0j)
+    stream.streamer.stop()
+    stream.streamer.release()
+    await stream.live(3.0, 3 + 0j)
+    assert len(stream.sent) == left
+    assert stream.streamer.state is StreamState.PILOT
+
+
+async def test_a_vehicle_unheard_for_as_long_may_not_have_heard_the_stream_either(stream):
+    await stream.clock.advance(LONGEST_GAP_S + 0.2)
+    assert stream.streamer.state is StreamState.PILOT
+    left = len(stream.sent)
+    await stream.live(3.0, 3 + 0j)
+    assert len(stream.sent) == left
+
+
+async def test_after_a_gap_the_operators_release_needs_a_heartbeat_in_offboard_since(stream):
+    stream.clock.jump(LONGEST_GAP_S + 0.1)
+    await stream.clock.advance(0.1)
+    stream.streamer.release()
+    assert stream.streamer.state is StreamState.PILOT
+    stream.speak()
+    stream.streamer.release()
+    await stream.live(1.0)
+    assert stream.streamer.state is StreamState.IDLING
+    assert stream.velocities == []
+
+
+async def test_no_message_of_the_stream_changes_a_mode(stream):
+    await stream.live(1.0, 3 + 0j)
+    stream.streamer.stop()
+    await stream.live(3.0)
+    assert {message.get_type() for message in stream.wire.messages} == {
+        "SET_POSITION_TARGET_LOCAL_NED",
+        "SET_POSITION_TARGET_GLOBAL_INT",
+    }
+
+
+velocities = st.builds(cmath.rect, st.floats(0.5, 5.0), st.floats(-math.pi, math.pi))
+events = st.one_of(
+    st.tuples(st.just("renew"), velocities),
+    st.tuples(st.just("mode"), st.sampled_from([OFFBOARD, OFFBOARD, LOITER])),
+    st.tuples(st.sampled_from(["live", "live", "jump", "silence"]), st.floats(0.0, 1.5)),
+    st.tuples(st.sampled_from(["stop", "release"]), st.none()),
+)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(events, min_size=3, max_size=20))
+def test_whatever_happens_no_motion_outlives_its_lease_and_nothing_follows_a_take_over(make_rig, happenings):
+    async def scenario():
+        async with make_rig(ManualClock()).running() as rig, Stream(rig).running() as stream:
+            renewed_s, checked = -math.inf, 0
+            for kind, value in happenings:
+                taken, before = stream.streamer.state is StreamState.PILOT, len(stream.sent)
+                if kind == "renew":
+                    stream.streamer.renew(value)
+                    renewed_s = stream.clock.now_s()
+                elif kind == "mode":
+                    stream.mode = value
+                    stream.speak()
+                elif kind == "live":
+                    await stream.live(value)
+                elif kind == "jump":
+                    stream.clock.jump(value)
+                elif kind == "silence":
+                    await stream.clock.advance(value)
+                else:
+                    getattr(stream.streamer, kind)()
+                await settle()
+                if taken and kind != "release":
+                    assert len(stream.sent) == before, "a setpoint left against the pilot"
+                for time_s, velocity in stream.velocities[checked:]:
+                    assert not velocity or time_s <= renewed_s + LIMITS.lease_s, "motion without a lease"
+                checked = len(stream.velocities)
+
+    asyncio.run(scenario())
