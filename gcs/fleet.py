@@ -92,7 +92,7 @@ async def in_guided_flight(
         await autopilot.take_off(vehicle, playbook.flight.altitude_m)
         stream = SetpointStreamer(vehicle, autopilot, playbook.flight.altitude_m, limits, clock)
         member = Member(vehicle, autopilot, stream)
-        start(_stream(member))
+        start(stream_for(member))
         return member
 
     async with open_background() as start:
@@ -101,7 +101,8 @@ async def in_guided_flight(
         yield {name: task.result() for name, task in tasks.items()}
 
 
-async def _stream(member: Member) -> None:
+async def stream_for(member: Member) -> None:
+    """Run a vehicle's stream until cancelled; one that needs it is then left in a hold that needs none."""
     try:
         await member.stream.run()
     finally:
