@@ -38,7 +38,7 @@ _DOUBT: Final = np.diag([0.1**2, 0.1**2, 0.5**2, 0.5**2])
 """What each outlier adds to the covariance, m^2 and m^2/s^2: reports that keep agreeing with each other win."""
 _NEAREST_M: Final = 0.5
 _NEAR_M: Final = 1.5
-_PATIENCE_S: Final = 3.0
+_PATIENCE_S: Final = 8.0
 """A vehicle that flies what it is told comes from near to arrived in less."""
 _WIDENING_MPS: Final = 0.1
 _COMMANDS_KEPT: Final = 50
