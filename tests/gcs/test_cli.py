@@ -144,7 +144,7 @@ def test_an_internal_error_is_kept_in_a_file_not_shown(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setattr("gcs.cli.load_playbook", lambda _: 1 / 0)
+    monkeypatch.setattr("gcs.commands.plan.load_playbook", lambda _: 1 / 0)
     status, _, err = run(capsys, "plan", PAPER_8)
     assert status == 2
     assert "internal error: ZeroDivisionError" in err
