@@ -7,21 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from drivers.errors import LinkError
-from drivers.mavlink.transport import LinkAddress
 from gcs.playbook.formation import Formation
+from gcs.playbook.links import Mavlink, VehicleLink, clashes
 from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
 from planner.frames import FormationFrame, GeodeticPosition
 from planner.methods import DEFAULT_METHOD, METHODS
 from planner.plan import RelayPlan
 from planner.relay import Objective, RelayProblem
-
-
-def _read_link(value: Any) -> str:
-    try:
-        return str(LinkAddress.parse(value if isinstance(value, str) else ""))
-    except LinkError as error:
-        raise ValueError(str(error)) from error
 
 
 def _read_method(value: Any) -> str:
@@ -30,7 +22,6 @@ def _read_method(value: Any) -> str:
     return str(value)
 
 
-Link = Annotated[str, BeforeValidator(_read_link)]
 Method = Annotated[str, BeforeValidator(_read_method)]
 
 
@@ -64,13 +55,6 @@ class Receiver(Section):
     """A receiver and where it starts."""
 
     start: Point
-
-
-class VehicleLink(Section):
-    """How a UAV is reached over MAVLink."""
-
-    link: Link
-    system_id: Annotated[int, Field(ge=1, le=254)]
 
 
 class Planner(Section):
@@ -107,6 +91,15 @@ class SensorSection(Section):
     drop_out: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
+class Simulation(Section):
+    """The air that simulated vehicles fly in."""
+
+    wind_mps: Annotated[float, Field(ge=0.0, le=30.0)] = 0.0
+    wind_from_deg: Degrees = 0.0
+    gusts_mps: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
+    gps_noise_m: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
+
+
 class BusSection(Section):
     """The zenoh bus. Without a router endpoint the service starts its own router on loopback."""
 
@@ -127,6 +120,8 @@ class Playbook(Section):
     flight: Flight = Flight()
     sensor: SensorSection = SensorSection()
     bus: BusSection = BusSection()
+    mavlink: Mavlink = Mavlink()
+    simulation: Simulation = Simulation()
 
     @model_validator(mode="after")
     def _consistent(self) -> Playbook:
@@ -136,6 +131,8 @@ class Playbook(Section):
             )
         if self.vehicles is not None and (unknown := self.vehicles.keys() - set(self.uavs)):
             raise ValueError(f"vehicles: {', '.join(sorted(unknown))} are neither transmitters nor receivers")
+        if self.vehicles is not None and (problems := clashes(self.vehicles, self.mavlink)):
+            raise ValueError(f"vehicles: {'; '.join(problems)}")
         self.problem()
         return self
 

@@ -1,0 +1,88 @@
+"""The sections of a playbook about MAVLink: this service on its links, and how each UAV is reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from drivers.errors import LinkError
+from drivers.mavlink.transport import LinkAddress
+from gcs.playbook.sections import Section
+
+
+def _read_link(value: Any) -> str:
+    try:
+        return str(LinkAddress.parse(value if isinstance(value, str) else ""))
+    except LinkError as error:
+        raise ValueError(str(error)) from error
+
+
+Link = Annotated[str, BeforeValidator(_read_link)]
+
+
+class Signing(Section):
+    """Where the key of signed links is: in a file that only its owner can read, or in an environment variable."""
+
+    key_file: Annotated[str, StringConstraints(min_length=1)] | None = None
+    key_variable: Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Signing:
+        if (self.key_file is None) == (self.key_variable is None):
+            raise ValueError("a signing key is in a key_file or in a key_variable: name exactly one")
+        return self
+
+
+class Mavlink(Section):
+    """What this service is on every MAVLink link."""
+
+    system_id: Annotated[int, Field(ge=1, le=255)] = 255
+    signing: Signing | None = None
+
+
+class VehicleLink(Section):
+    """How a UAV is reached over MAVLink, and what it is where its heartbeat is not to be believed."""
+
+    link: Link
+    fallback: list[Link] = Field(default_factory=list)
+    system_id: Annotated[int, Field(ge=1, le=254)]
+    autopilot: Literal["ardupilot", "px4"] | None = None
+    signing: Signing | None = None
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Every link to it, the preferred one first."""
+        return (self.link, *self.fallback)
+
+
+def clashes(vehicles: Mapping[str, VehicleLink], mavlink: Mavlink) -> list[str]:
+    """Return what is wrong between the vehicles of a playbook, in words."""
+    return [*_shared_system_ids(vehicles, mavlink), *_repeated_links(vehicles), *_differing_keys(vehicles)]
+
+
+def _shared_system_ids(vehicles: Mapping[str, VehicleLink], mavlink: Mavlink) -> Iterator[str]:
+    owner: dict[tuple[str, int], str] = {}
+    for name, at in vehicles.items():
+        if at.system_id == mavlink.system_id:
+            yield f"{name} has system id {at.system_id}, which is this service's own: give one of them another"
+        for link in at.links:
+            other = owner.setdefault((link, at.system_id), name)
+            if other != name:
+                yield f"{other} and {name} are both system id {at.system_id} on {link}: give each its own"
+
+
+def _repeated_links(vehicles: Mapping[str, VehicleLink]) -> Iterator[str]:
+    for name, at in vehicles.items():
+        if len(set(at.links)) != len(at.links):
+            yield f"{name} has the same link twice: a fallback is another one"
+
+
+def _differing_keys(vehicles: Mapping[str, VehicleLink]) -> Iterator[str]:
+    first: dict[str, str] = {}
+    for name, at in vehicles.items():
+        for link in at.links:
+            other = first.setdefault(link, name)
+            if vehicles[other].signing != at.signing:
+                yield f"{other} and {name} share {link} but not its signing key: a link has one"
