@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import signal
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -12,16 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from drivers.aoa.simulated import SensorSettings
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import PositionReport, Progress, encode
-from drivers.bus.session import Bus, BusEndpoint, open_bus
+from drivers.bus.session import Bus
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BusError, DriverError
+from drivers.errors import DriverError
 from drivers.mavlink.vehicle import Kinematics, Vehicle
-from drivers.simulation.launcher import ProcessGroup, SimulatedTime, free_tcp_port, process_group, this_pid
+from drivers.simulation.launcher import SimulatedTime, process_group
 from drivers.simulation.sitl import SITLS, Sitl
 from gcs.bearings import BearingFeed
 from gcs.errors import ServiceError, leaves
@@ -37,13 +33,12 @@ from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.reports.figure import draw_plan
 from gcs.reports.run_report import Outcome, RunFigures, run_report
+from gcs.run_bus import joined, start_router
 from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition
+from gcs.simulated_sensors import start_sensors
 from gcs.status import RunStatus
 from planner.frames import SiteFrame
 from planner.plan import RelayPlan, plan_to_json
-
-BUS_START_TIMEOUT_S = 10.0
-
 
 Show = Callable[[RunStatus], contextlib.AbstractAsyncContextManager[None]]
 """Puts the status of a run on a screen for as long as its block lasts."""
@@ -110,42 +105,20 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
         await stack.enter_async_context(show(status))
         journal = stack.enter_context(open_journal(folder.path / "journal.jsonl"))
         group = await stack.enter_async_context(process_group(folder.logs))
-        endpoint = playbook.bus.router or await _start_router(group)
-        bus = await stack.enter_async_context(_joined(endpoint))
+        endpoint = playbook.bus.router or await start_router(group)
+        bus = await stack.enter_async_context(joined(endpoint))
         vehicles = await stack.enter_async_context(open_links(playbook, clock, sitl))
         run = _Run(playbook, plan, options, clock, bus, journal, status, vehicles)
         if playbook.vehicles is None:
             status.phase = "starting the vehicles"
             await start_vehicles(playbook, vehicles, group, sim_time, sitl)
-            await _start_sensors(run, group, endpoint, sim_time)
+            await start_sensors(playbook, options.seed, group, endpoint, sim_time)
         report, score = await _relay(run)
     folder.write_json("report.json", report)
     figure = folder.path / "figure.svg"
     places = {name: transmitter.at for name, transmitter in playbook.transmitters.items()}
     draw_plan(plan, places, figure, tracks=score.tracks, title=playbook.name)
     return RunResult(report, folder, figure)
-
-
-async def _start_router(group: ProcessGroup) -> str:
-    """Start a bus router on loopback and return its endpoint."""
-    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
-    await group.start("bus-router", ["-m", "drivers.bus.router", endpoint, "--parent-pid", str(this_pid())])
-    return endpoint
-
-
-@contextlib.asynccontextmanager
-async def _joined(endpoint: str) -> AsyncIterator[Bus]:
-    """Join the bus, waiting for a router that is just starting."""
-    deadline_s = time.monotonic() + BUS_START_TIMEOUT_S
-    while True:
-        try:
-            async with open_bus(BusEndpoint(endpoint)) as bus:
-                yield bus
-                return
-        except BusError:
-            if time.monotonic() > deadline_s:
-                raise
-            await asyncio.sleep(0.1)
 
 
 def _sitl(playbook: Playbook, options: RunOptions) -> Sitl | None:
@@ -157,27 +130,6 @@ def _sitl(playbook: Playbook, options: RunOptions) -> Sitl | None:
     sitl = SITLS[options.sitl]
     sitl.find()
     return sitl
-
-
-async def _start_sensors(run: _Run, group: ProcessGroup, endpoint: str, sim_time: SimulatedTime) -> None:
-    """Start the simulated sensors."""
-    frame, sensor = run.playbook.site.frame, run.playbook.sensor
-    sites = {name: frame.to_site(place) for name, place in run.playbook.beacons.items()}
-    settings = SensorSettings(
-        swarm=run.playbook.name,
-        endpoint=endpoint,
-        receivers=list(run.playbook.receivers),
-        beacons={name: (site.real, site.imag) for name, site in sites.items()},
-        sigma_rad=math.radians(sensor.sigma_deg),
-        rate_hz=sensor.rate_hz,
-        latency_s=sensor.latency_s,
-        drop_out=sensor.drop_out,
-        seed=run.options.seed,
-        speedup=sim_time.speedup,
-        epoch_ns=sim_time.epoch_ns,
-        parent_pid=this_pid(),
-    )
-    await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))
 
 
 async def _relay(run: _Run) -> tuple[dict[str, Any], Score]:
