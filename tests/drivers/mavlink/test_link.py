@@ -8,10 +8,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from drivers.errors import LinkError
 from drivers.mavlink.codec import Codec
 from drivers.mavlink.link import Link, Setpoint, Subscription, open_link
+from drivers.mavlink.link_status import LinkState
 from drivers.mavlink.transport import LinkAddress
 from tests.fakes import settle
 
 HEARTBEAT_ID = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 1, 4, 4, 3)
 
 
 def setpoint(north_mps, system_id=1, expires_s=float("inf")):
@@ -174,6 +176,153 @@ async def test_each_source_has_a_sequence_of_its_own(rig):
     assert rig.link.counters.lost == 0
 
 
+async def test_every_message_is_sent_to_the_system_it_is_for(rig):
+    rig.link.post(command(10, system_id=3))
+    rig.link.post_urgent(command(20, system_id=4))
+    rig.link.post_setpoint(5, setpoint(1.0, system_id=5))
+    await settle()
+    assert [sent.system_id for sent in rig.wire.sent] == [0, 4, 5, 3], "a heartbeat is for all"
+
+
+async def test_behind_a_backlog_no_motion_is_sent_but_stops_and_commands_are(rig):
+    await settle()
+    rig.wire.backlogged = True
+    rig.link.post_setpoint(1, setpoint(1.0, 1))
+    rig.link.post_setpoint(2, setpoint(0.0, 2))
+    rig.link.post(command(10))
+    rig.link.post_urgent(command(20))
+    await settle()
+    assert [brief(message) for message in rig.wire.messages] == [20, 0.0, 10]
+    assert rig.link.counters.dropped == 1
+    rig.wire.backlogged = False
+    await settle()
+    assert len(rig.wire.messages) == 3, "what was not sent in time is not sent late"
+
+
+async def test_what_the_transport_does_not_take_is_counted_and_not_as_sent(rig):
+    await settle()
+    sent = rig.link.counters.sent
+    rig.wire.takes = False
+    rig.link.post(command(10))
+    rig.link.post_setpoint(1, setpoint(1.0))
+    await settle()
+    assert (rig.link.counters.sent - sent, rig.link.counters.dropped) == (0, 2)
+
+
+class Taken:
+    """A frame log in memory."""
+
+    def __init__(self):
+        self.came, self.went = [], []
+
+    def received(self, frame):
+        self.came.append(bytes(frame))
+
+    def sent(self, frame):
+        self.went.append(bytes(frame))
+
+
+class Suspicious(Codec):
+    """Accepts the frames of system 1 only."""
+
+    def accepts(self, frame):
+        return frame[5] == 1
+
+
+async def test_a_frame_that_is_not_accepted_leaves_no_trace_but_a_count(make_rig, clock):
+    log, rig, heard = Taken(), make_rig(clock), []
+    rig.link = Link(Suspicious(), clock, log)
+    async with rig.running():
+        for system_id in (1, 2):
+            rig.link.listen(Subscription(system_id, frozenset({HEARTBEAT_ID}), heard.append))
+        said = {system_id: rig.speaker(system_id).frame(HEARTBEAT) for system_id in (1, 2)}
+        assert rig.link.receive(said[1]) is True
+        assert rig.link.receive(said[2]) is False
+        assert [message.get_srcSystem() for message in heard] == [1]
+        assert rig.link.heard_system_ids == {1}
+        assert (rig.link.counters.received, rig.link.counters.refused) == (1, 1)
+        assert log.came == [bytes(said[1])]
+
+
+async def test_the_frame_log_gets_what_was_sent_and_not_what_could_not_be(make_rig, clock):
+    log, rig = Taken(), make_rig(clock)
+    rig.link = Link(Codec(), clock, log)
+    async with rig.running():
+        rig.wire.takes = False
+        rig.link.post(command(10))
+        await settle()
+        rig.wire.takes = True
+        rig.link.post(command(11))
+        await settle()
+        logged = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame in log.went]
+        assert [message.get_type() for message in logged] == ["HEARTBEAT", "COMMAND_LONG"]
+        assert logged[1].command == 11
+
+
+async def test_the_systems_whose_autopilots_are_heard_are_known_wanted_or_not(rig):
+    assert rig.link.heard_system_ids == frozenset()
+    rig.vehicle("U1", 3)
+    for speaker in (rig.speaker(7), rig.speaker(1), rig.speaker(9, 154), rig.speaker(255, 190)):
+        speaker.heartbeat()
+    assert rig.link.heard_system_ids == {1, 7}
+
+
+async def test_a_link_is_connecting_then_up_then_silent_and_down_when_the_connection_is_gone(rig):
+    def state():
+        return rig.link.status(rig.clock.now_s()).state
+
+    assert state() is LinkState.CONNECTING
+    rig.wire.connected = False
+    assert state() is LinkState.CONNECTING
+    rig.wire.connected = True
+    rig.copter.heartbeat()
+    assert state() is LinkState.UP
+    await rig.clock.advance(2.0)
+    assert state() is LinkState.UP
+    await rig.clock.advance(2.0)
+    assert state() is LinkState.SILENT
+    rig.wire.connected = False
+    assert state() is LinkState.DOWN
+    rig.wire.connected = True
+    rig.copter.heartbeat()
+    assert state() is LinkState.UP
+    rig.wire.connected = False
+    assert state() is LinkState.DOWN
+
+
+async def test_a_status_says_what_passed_and_who_was_heard(rig):
+    rig.copter.heartbeat()
+    rig.copter.sequence += 1
+    rig.copter.heartbeat()
+    rig.speaker(7).heartbeat()
+    rig.wire.refused, rig.wire.skipped_bytes, rig.wire.contested_system_ids = 4, 5, frozenset({7})
+    await rig.clock.advance(1.5)
+    status = rig.link.status(rig.clock.now_s())
+    assert status.address == "udpin:127.0.0.1:14550"
+    assert (status.received, status.sent, status.lost) == (3, 2, 1)
+    assert (status.refused, status.skipped_bytes, status.dropped) == (4, 5, 0)
+    assert status.loss_ratio == pytest.approx(0.25)
+    assert status.silent_for_s == pytest.approx(1.5)
+    assert (status.heard_system_ids, status.contested_system_ids) == ((1, 7), (7,))
+
+
+async def test_the_loss_ratio_is_of_the_last_seconds(rig):
+    assert rig.link.status(rig.clock.now_s()).loss_ratio is None
+    for number in range(0, 200, 2):  # every other frame is lost
+        rig.copter.sequence = number
+        rig.copter.heartbeat()
+        await rig.clock.advance(0.1)
+    assert rig.link.status(rig.clock.now_s()).loss_ratio == pytest.approx(0.5, abs=0.02)
+    for _ in range(120):
+        rig.copter.heartbeat()
+        await rig.clock.advance(0.1)
+    status = rig.link.status(rig.clock.now_s())
+    assert status.loss_ratio == 0.0
+    assert status.lost == 99
+    await rig.clock.advance(11.0)
+    assert rig.link.status(rig.clock.now_s()).loss_ratio is None, "nothing heard is not nothing lost"
+
+
 async def test_two_vehicles_with_one_system_id_are_refused(rig):
     rig.vehicle("U1", 4)
     with pytest.raises(LinkError, match=r"udpin:127\.0\.0\.1:14550: two vehicles with system id 4.*SYSID_THISMAV"):
@@ -188,9 +337,9 @@ async def test_several_vehicles_share_a_link_and_hear_only_their_own(rig):
     assert (first.custom_mode, second.custom_mode) == (4, 9)
 
 
-def test_a_link_that_is_not_open_has_no_address():
+def test_a_link_that_is_not_open_has_no_address(clock):
     with pytest.raises(LinkError, match="not open"):
-        _ = Link(Codec()).address
+        _ = Link(Codec(), clock).address
 
 
 async def test_an_open_link_speaks_and_listens_on_its_address_and_ends_with_the_block(clock):
