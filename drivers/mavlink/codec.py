@@ -10,9 +10,11 @@ import struct
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.errors import LinkError
+from drivers.mavlink.signing import SIGNATURE_LENGTH, SIGNED, LinkSigner
 
 Message = Any
 """A message of pymavlink's ardupilotmega dialect; pymavlink carries no types."""
@@ -20,8 +22,11 @@ Message = Any
 MAGIC: Final = 0xFD
 _HEADER_LENGTH: Final = 10
 _CHECKSUM_LENGTH: Final = 2
-_SIGNATURE_LENGTH: Final = 13
-_SIGNED: Final = 0x01
+_CRC_EXTRA: Final[dict[int, bytes]] = {
+    message_id: bytes([message.crc_extra]) for message_id, message in mavlink.mavlink_map.items()
+}
+"""What the checksum of each known message takes in besides its frame."""
+_UNFINISHED: Final = -1
 
 
 @dataclass(frozen=True)
@@ -48,24 +53,24 @@ class FrameSplitter:
 
     def datagram(self, data: bytes) -> list[bytearray]:
         """Return the whole frames of one datagram; an unfinished one at its end is skipped."""
-        frames, rest = self._split(bytearray(data))
+        frames, rest = self._split(bytearray(data), goes_on=False)
         self.skipped_bytes += len(rest)
         return frames
 
     def stream(self, data: bytes) -> list[bytearray]:
         """Return the frames completed by the next piece of a stream; the unfinished rest is kept."""
-        frames, self._rest = self._split(self._rest + data)
+        frames, self._rest = self._split(self._rest + data, goes_on=True)
         return frames
 
-    def _split(self, data: bytearray) -> tuple[list[bytearray], bytearray]:
+    def _split(self, data: bytearray, *, goes_on: bool) -> tuple[list[bytearray], bytearray]:
         frames: list[bytearray] = []
         at = 0
         while (start := data.find(MAGIC, at)) >= 0:
             self.skipped_bytes += start - at
-            end = _frame_end(data, start)
-            if end is None:
+            end = _frame_end(data, start, goes_on=goes_on)
+            if end is _UNFINISHED:
                 return frames, data[start:]
-            if _is_sound(data, start):
+            if end is not None:
                 frames.append(data[start:end])
                 at = end
             else:  # no frame, or a damaged one: the next may begin inside what it claimed to be
@@ -75,25 +80,35 @@ class FrameSplitter:
         return frames, bytearray()
 
 
-def _frame_end(data: bytearray, start: int) -> int | None:
-    """Return where the frame beginning at `start` ends by its own account; None when that is not all there yet."""
+def _frame_end(data: bytearray, start: int, *, goes_on: bool) -> int | None:
+    """Return where the sound frame at `start` ends; None if it is none, _UNFINISHED while part of it is missing."""
     if len(data) - start < _HEADER_LENGTH:
+        return _UNFINISHED
+    flags = data[start + 2]
+    if flags & ~SIGNED:
         return None
-    signature = _SIGNATURE_LENGTH if data[start + 2] & _SIGNED else 0
-    end = start + _HEADER_LENGTH + data[start + 1] + _CHECKSUM_LENGTH + signature
-    return end if len(data) >= end else None
-
-
-def _is_sound(data: bytearray, start: int) -> bool:
-    """Return whether a frame's flags are known and its checksum holds, as far as its message id is known."""
-    if data[start + 2] & ~_SIGNED:
-        return False
-    message = mavlink.mavlink_map.get(int.from_bytes(data[start + 7 : start + 10], "little"))
-    if message is None:
-        return True
     body_end = start + _HEADER_LENGTH + data[start + 1]
-    checksum: int = mavlink.x25crc(bytes(data[start + 1 : body_end]) + bytes([message.crc_extra])).crc
-    return checksum == int.from_bytes(data[body_end : body_end + _CHECKSUM_LENGTH], "little")
+    end = body_end + _CHECKSUM_LENGTH + (SIGNATURE_LENGTH if flags else 0)
+    extra = _CRC_EXTRA.get(int.from_bytes(data[start + 7 : start + 10], "little"))
+    if extra is None:
+        return _unknown_end(data, end, goes_on=goes_on)
+    if end > len(data):
+        return _UNFINISHED
+    checksum = data[body_end] | data[body_end + 1] << 8
+    return end if mcrf4xx(bytes(data[start + 1 : body_end]) + extra) == checksum else None
+
+
+def _unknown_end(data: bytearray, end: int, *, goes_on: bool) -> int | None:
+    """Return `end` when a frame with an unknown message id, whose checksum nobody can tell, does end there.
+
+    The next frame has to follow at once, or the data to end: noise that looks like a header must not swallow the frames
+    behind it.
+    """
+    if end < len(data):
+        return end if data[end] == MAGIC else None
+    if goes_on:
+        return _UNFINISHED
+    return end if end == len(data) else None
 
 
 @dataclass
@@ -103,6 +118,8 @@ class Codec:
     system_id: int = 255
     component_id: int = mavlink.MAV_COMP_ID_MISSIONPLANNER
     malformed: int = 0
+    signing: LinkSigner | None = None
+    """With one, every frame sent is signed, and only frames signed with its key are accepted."""
     _mavlink: Message = field(init=False)
 
     def __post_init__(self) -> None:
@@ -115,11 +132,15 @@ class Codec:
         except (struct.error, OverflowError, TypeError, ValueError) as error:
             raise LinkError(f"{message.get_type()} cannot be sent: {error}") from error
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
-        return frame
+        return frame if self.signing is None else _signed(frame, message.crc_extra, self.signing)
+
+    def accepts(self, frame: bytearray) -> bool:
+        """Return whether a frame may be looked at at all; one refused for its signature is counted by `signing`."""
+        return self.signing is None or self.signing.accepts(frame)
 
     def decode(self, frame: bytearray) -> Message | None:
         """Return the message of one frame; None for a malformed one, which is counted, and for an unknown one."""
-        if frame[0] != MAGIC or frame[2] & ~_SIGNED:
+        if frame[0] != MAGIC or frame[2] & ~SIGNED:
             self.malformed += 1
             return None
         try:
@@ -130,3 +151,12 @@ class Codec:
         if message.get_type().startswith("UNKNOWN") or message.get_type() == "BAD_DATA":
             return None
         return message
+
+
+def _signed(frame: bytes, crc_extra: int, signing: LinkSigner) -> bytes:
+    """Return an unsigned frame as it is sent signed."""
+    flagged = bytearray(frame[:-_CHECKSUM_LENGTH])
+    flagged[2] |= SIGNED
+    checksum = mcrf4xx(bytes(flagged[1:]) + bytes([crc_extra]))
+    flagged += checksum.to_bytes(_CHECKSUM_LENGTH, "little")
+    return bytes(flagged) + signing.signature(bytes(flagged))

@@ -102,6 +102,49 @@ def test_unknown_incompatibility_flags_are_refused():
     assert codec.malformed == 1
 
 
+def noise_like_a_header(frame_of, length):
+    """What looks like a frame with an unknown message id that is longer than the noise itself."""
+    return bytes(frame_of(UNKNOWN_ID, bytes(length))[:10])
+
+
+@pytest.mark.parametrize("length", [20, 100, 255])
+def test_noise_that_looks_like_a_header_swallows_no_frame_of_its_datagram(frame_of, length):
+    sent = frames(3)
+    splitter = FrameSplitter()
+    assert splitter.datagram(noise_like_a_header(frame_of, length) + b"".join(sent)) == sent
+    assert splitter.skipped_bytes == 10
+
+
+@pytest.mark.parametrize("length", [20, 100, 255])
+def test_noise_that_looks_like_a_header_swallows_no_frame_of_a_stream(frame_of, length):
+    sent = frames(20)
+    splitter, heard = FrameSplitter(), []
+    for piece in (noise_like_a_header(frame_of, length), *sent):
+        heard += splitter.stream(bytes(piece))
+    assert heard == sent
+
+
+def test_a_frame_with_an_unknown_id_is_cut_where_the_next_begins_or_the_datagram_ends(frame_of):
+    unknown, (known,) = frame_of(UNKNOWN_ID, b"who am I"), frames(1)
+    assert FrameSplitter().datagram(bytes(unknown + known + unknown)) == [unknown, known, unknown]
+    splitter = FrameSplitter()
+    assert splitter.stream(bytes(unknown)) == []
+    assert splitter.stream(bytes(known)) == [unknown, known]
+
+
+def test_a_stream_does_not_wait_for_what_no_frame_can_be():
+    """Behind unknown flags a length means nothing."""
+    (frame,) = frames(1)
+    assert FrameSplitter().stream(b"\xfd\xff\x80\0\0\0\0\0\0\0" + bytes(frame)) == [frame]
+
+
+def test_a_stream_keeps_no_more_than_one_frame(frame_of):
+    splitter = FrameSplitter()
+    for _ in range(1000):
+        splitter.stream(bytes(frame_of(UNKNOWN_ID, bytes(255))[:-1]))
+        assert len(splitter._rest) <= 280
+
+
 @given(st.integers(0, 20), st.integers(1, 255))
 def test_any_damage_in_one_datagram_leaves_the_datagrams_around_it_whole(position, flipped_bits):
     sent = frames(3)
