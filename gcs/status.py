@@ -3,13 +3,39 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from drivers.clock import Clock
+from drivers.mavlink.link_status import LinkStatus
 from gcs.relay.records import ReceiverRecord
 
 _MESSAGES_KEPT = 200
+
+
+class RelayView(Protocol):
+    """What screens ask of a relay as a whole."""
+
+    @property
+    def held(self) -> str | None:
+        """Why nobody flies until the operator resumes, or None."""
+        ...
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the relay waits for the operator's word."""
+        ...
+
+    @property
+    def taken(self) -> AbstractSet[str]:
+        """The vehicles that are their pilots'."""
+        ...
+
+    def ways_out(self) -> list[str]:
+        """Return the commands that would change something."""
+        ...
 
 
 @dataclass
@@ -22,7 +48,15 @@ class RunStatus:
     started_s: float = 0.0
     records: Mapping[str, ReceiverRecord] = field(default_factory=dict)
     on_air: frozenset[str] = frozenset()
+    relay: RelayView | None = None
+    """The relay, once it is being flown."""
+    links: Callable[[], Sequence[tuple[str, LinkStatus]]] = tuple
+    """Tells how the links fare, each with the names of the vehicles behind it."""
+    recording: Callable[[], str | None] = lambda: None
+    """Tells what is wrong with the recording of the links, or None."""
     messages: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=_MESSAGES_KEPT))
+    said: int = 0
+    """How many messages there have been; the last of them are kept."""
 
     def __post_init__(self) -> None:
         self.started_s = self.clock.now_s()
@@ -34,3 +68,4 @@ class RunStatus:
     def say(self, message: str) -> None:
         """Add a message for the operator."""
         self.messages.append((self.elapsed_s(), message))
+        self.said += 1

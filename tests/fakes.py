@@ -4,6 +4,8 @@ import asyncio
 import heapq
 from itertools import count
 
+from drivers.errors import BusError
+
 FAKE_UNIX_NS = 1_800_000_000_000_000_000
 """What a ManualClock shows as the time since 1970 when it starts, ns."""
 
@@ -78,6 +80,8 @@ class FakeBus:
         self.reliable_keys = set()
         self._handlers = []
         self._remembered = {}
+        self._histories = {}
+        self._answers = {}
 
     def put_latest(self, key, payload, *, urgent=False):
         if urgent:
@@ -88,6 +92,24 @@ class FakeBus:
         self.reliable_keys.add(key)
         self._remembered[key] = payload
         self._deliver(key, payload)
+
+    def put_history(self, key, payload):
+        self.reliable_keys.add(key)
+        self._histories.setdefault(key, []).append(payload)
+        self._deliver(key, payload)
+
+    async def fetch_history(self, key):
+        await asyncio.sleep(0)
+        return list(self._histories.get(key, ())) if self.up else []
+
+    def serve(self, key, answer):
+        self._answers[key] = answer
+
+    async def ask(self, key, payload):
+        await asyncio.sleep(0)
+        if not self.up or key not in self._answers:
+            raise BusError(f"{key} is not answered")
+        return self._answers[key](payload)
 
     def subscribe(self, key_expression, handler):
         self._handlers.append((key_expression, handler))

@@ -55,8 +55,31 @@ class SwarmKeys:
 
     @property
     def progress(self) -> str:
-        """Key of the relay's progress: every state change, every leg."""
+        """Key of the relay's progress: every state change, every leg; its history can be queried."""
         return f"{_ROOT}/{self.swarm}/relay/progress"
+
+    @property
+    def control(self) -> str:
+        """Key that answers a ControlRequest with a ControlReply."""
+        return f"{_ROOT}/{self.swarm}/relay/control"
+
+    def clock_ping(self, uav: str) -> str:
+        """Key of the ClockPings to a UAV's sensor."""
+        return f"{_ROOT}/{self.swarm}/uav/{uav}/clock_ping"
+
+    def clock_pong(self, uav: str) -> str:
+        """Key of the sensor's ClockPongs."""
+        return f"{_ROOT}/{self.swarm}/uav/{uav}/clock_pong"
+
+    @property
+    def every_clock_ping(self) -> str:
+        """Every sensor's ClockPings."""
+        return self.clock_ping("*")
+
+    @property
+    def every_clock_pong(self) -> str:
+        """Every sensor's ClockPongs."""
+        return self.clock_pong("*")
 
 
 _UAV_KEY = re.compile(rf"{_ROOT}/{NAME_PATTERN}/(?:uav|simulation)/({NAME_PATTERN})/\w+")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 import msgspec
@@ -12,6 +13,11 @@ Metres = Annotated[float, msgspec.Meta(ge=-1e7, le=1e7)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 UnixNs = Annotated[int, msgspec.Meta(ge=0, description="ns since 1970-01-01 UTC")]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
+DurationNs = Annotated[int, msgspec.Meta(ge=0, description="ns")]
+ClockName = Annotated[str, msgspec.Meta(max_length=64, description="which clock it is; empty: the UAV's only one")]
+
+LEAST_SIGMA_RAD: Final = math.radians(0.01)
+"""No bearing claims to be better than this; one that claims it says that it is free of noise."""
 
 
 class Bearing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -22,16 +28,20 @@ class Bearing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sigma_rad: Sigma
 
 
-class BearingReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one receiver's AOA sensor measured at one instant."""
+class BearingReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What one receiver's AOA sensor measured at one instant. Times are by the sensor's clock."""
 
     captured_ns: UnixNs
     sequence: Annotated[int, msgspec.Meta(ge=0)]
     reference: Literal["true_north", "body"]
     bearings: Annotated[list[Bearing], msgspec.Meta(max_length=256)]
+    captured_uncertainty_ns: DurationNs = 0
+    clock: ClockName = ""
+    resolution_rad: Annotated[float, msgspec.Meta(ge=0.0, le=3.1416)] = 0.0
+    """The step in which azimuths come, 0 when they come in none: a sensor with a step may repeat itself."""
 
 
-class PositionReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PositionReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Where a UAV is, site frame (north, east, down of the swarm's origin). For safety, screens, simulated sensors."""
 
     time_ns: UnixNs
@@ -40,6 +50,8 @@ class PositionReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     down_m: Metres
     north_mps: MetresPerSecond
     east_mps: MetresPerSecond
+    heading_rad: Azimuth | None = None
+    """Where the nose points, clockwise from true north."""
 
 
 class Emission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -63,12 +75,45 @@ class Progress(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reason: str
 
 
+class ClockPing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Asks a sensor for its clock."""
+
+    asked_ns: UnixNs
+
+
+class ClockPong(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Answers a ClockPing: when it came and when this left, by the sensor's clock; `asked_ns` as it was asked."""
+
+    asked_ns: UnixNs
+    received_ns: UnixNs
+    answered_ns: UnixNs
+    clock: ClockName = ""
+
+
+class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The operator's word to the relay. `skip` takes a receiver, `release` any vehicle, the others none."""
+
+    verb: Literal["hold", "resume", "skip", "release", "abort"]
+    vehicle: Name | None = None
+
+
+class ControlReply(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What was done, or why not and the way out."""
+
+    ok: bool
+    message: str
+
+
 AnyMessage = TypeVar("AnyMessage", bound=msgspec.Struct)
 
 _ENCODER: Final = msgspec.json.Encoder()
 _DECODERS: Final[dict[type[msgspec.Struct], msgspec.json.Decoder[Any]]] = {
     kind: msgspec.json.Decoder(kind, strict=True)
-    for kind in (BearingReport, PositionReport, Emission, SensorFault, Progress)
+    for kind in (
+        *(BearingReport, PositionReport, Emission, SensorFault, Progress),
+        *(ClockPing, ClockPong),
+        *(ControlRequest, ControlReply),
+    )
 }
 
 MalformedMessageError = msgspec.MsgspecError

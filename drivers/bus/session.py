@@ -9,10 +9,12 @@ import asyncio
 import contextlib
 import json
 import threading
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 import zenoh
 
@@ -20,10 +22,20 @@ from drivers.errors import BusError
 
 Handler = Callable[[str, bytes], None]
 """Gets the key and the payload of one sample, on the event loop."""
+Answer = Callable[[bytes], bytes]
+"""Gets the payload of one query and returns that of its reply, on the event loop."""
 
 _CLOSE_WAIT_US = 200_000
 _LEASE_MS = 2_000
 """After this long without a sign of life the other side counts as gone."""
+
+HISTORY_KEPT: Final = 4096
+"""How many values of a history can be fetched: the latest."""
+ANSWERED_WITHIN_S: Final = 2.0
+"""What has waited longer for the event loop is answered with an error, and nothing is done about it any more."""
+ASK_TIMEOUT_S: Final = ANSWERED_WITHIN_S + 1.0
+"""How long one who asks waits: longer, so that nothing is done after it has given up."""
+_FETCH_TIMEOUT_S: Final = 2.0
 
 
 class Bus(Protocol):
@@ -37,12 +49,28 @@ class Bus(Protocol):
         """Publish a value that must arrive; a later subscriber may `fetch` the last one while this bus is open."""
         ...
 
+    def put_history(self, key: str, payload: bytes) -> None:
+        """Publish a value that must arrive; a later subscriber may `fetch_history`, HISTORY_KEPT values of it."""
+        ...
+
+    def serve(self, key: str, answer: Answer) -> None:
+        """Answer every query of a key on the event loop, until the bus closes; nobody but the asker hears it."""
+        ...
+
     def subscribe(self, key_expression: str, handler: Handler) -> None:
         """Call `handler` on the event loop for every sample that matches, until the bus closes."""
         ...
 
     async def fetch(self, key_expression: str) -> dict[str, bytes]:
         """Return the last reliably put value of every matching key, as its publisher remembers it."""
+        ...
+
+    async def fetch_history(self, key: str) -> list[bytes]:
+        """Return what its publisher put into a history so far, in order."""
+        ...
+
+    async def ask(self, key: str, payload: bytes) -> bytes:
+        """Return the answer to a query. BusError when nobody answers within ASK_TIMEOUT_S, or with an error."""
         ...
 
     def connected(self) -> bool:
@@ -86,17 +114,20 @@ async def open_bus(endpoint: BusEndpoint) -> AsyncIterator[Bus]:
             "Is its router running, and the endpoint written as tcp/HOST:PORT?"
         ) from error
     try:
-        yield _ZenohBus(session, asyncio.get_running_loop())
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="bus-replies") as replies:
+            yield _ZenohBus(session, asyncio.get_running_loop(), replies)
     finally:
         with contextlib.suppress(zenoh.ZError):  # a router that has frozen does not say goodbye
             await asyncio.to_thread(session.close)
 
 
 class _ZenohBus:
-    def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop, replies: ThreadPoolExecutor) -> None:
         self._session = session
+        self._replies = replies
         self._inbox = _Inbox(loop)
         self._remembered: dict[str, bytes] = {}
+        self._histories: dict[str, deque[bytes]] = {}
         self._queryables: set[str] = set()
 
     def put_latest(self, key: str, payload: bytes, *, urgent: bool = False) -> None:
@@ -115,6 +146,37 @@ class _ZenohBus:
             self._session.declare_queryable(key, lambda query: query.reply(key, self._remembered[key]))
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
+    def put_history(self, key: str, payload: bytes) -> None:
+        if key not in self._histories:
+            history: deque[bytes] = deque(maxlen=HISTORY_KEPT)
+
+            def replay(query: zenoh.Query) -> None:
+                for put in tuple(history):
+                    query.reply(key, put)
+
+            self._histories[key] = history
+            self._session.declare_queryable(key, replay)
+        self._histories[key].append(payload)
+        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def serve(self, key: str, answer: Answer) -> None:
+        def take(query: zenoh.Query) -> None:
+            self._inbox.call(self._answer, query, key, answer, time.monotonic() + ANSWERED_WITHIN_S)
+
+        self._session.declare_queryable(key, take)
+
+    def _answer(self, query: zenoh.Query, key: str, answer: Answer, until_s: float) -> None:
+        """Answer a query on the event loop; with an error when that comes too late, or the answer fails."""
+        refusal = "nothing was done: it came too late, after the asker had given up"
+        payload = None
+        try:
+            if time.monotonic() < until_s:
+                refusal = "answering it failed: see what the service says"
+                payload = answer(b"" if query.payload is None else query.payload.to_bytes())
+        finally:
+            with contextlib.suppress(RuntimeError):  # the bus may have closed
+                self._replies.submit(_reply, query, key, payload, refusal)  # an asker that is stuck holds nobody up
+
     def subscribe(self, key_expression: str, handler: Handler) -> None:
         self._session.declare_subscriber(
             key_expression,
@@ -123,13 +185,39 @@ class _ZenohBus:
 
     async def fetch(self, key_expression: str) -> dict[str, bytes]:
         def ask() -> dict[str, bytes]:
-            replies = self._session.get(key_expression, timeout=2.0)
+            replies = self._session.get(key_expression, timeout=_FETCH_TIMEOUT_S)
             return {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
+
+        return await asyncio.to_thread(ask)
+
+    async def fetch_history(self, key: str) -> list[bytes]:
+        def ask() -> list[bytes]:
+            replies = self._session.get(key, timeout=_FETCH_TIMEOUT_S, consolidation=zenoh.ConsolidationMode.NONE)
+            return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+        return await asyncio.to_thread(ask)
+
+    async def ask(self, key: str, payload: bytes) -> bytes:
+        def ask() -> bytes:
+            replies = list(self._session.get(key, payload=payload, timeout=ASK_TIMEOUT_S))
+            for reply in replies:
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+            errors = [reply.err.payload.to_bytes().decode(errors="replace") for reply in replies if reply.err]
+            raise BusError(f"{key} is not answered: {'; '.join(errors) or 'nobody serves it'}")
 
         return await asyncio.to_thread(ask)
 
     def connected(self) -> bool:
         return bool(list(self._session.info.routers_zid()))
+
+
+def _reply(query: zenoh.Query, key: str, payload: bytes | None, refusal: str) -> None:
+    with contextlib.suppress(zenoh.ZError), query:  # the asker may have gone
+        if payload is None:
+            query.reply_err(refusal)
+        else:
+            query.reply(key, payload)
 
 
 class _Inbox:
@@ -141,14 +229,17 @@ class _Inbox:
         self._scheduled = False
         self._lock = threading.Lock()
 
+    def call(self, callback: Callable[..., None], *arguments: Any) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop may have closed
+            self._loop.call_soon_threadsafe(callback, *arguments)
+
     def hand_over(self, handler: Handler, key: str, payload: bytes) -> None:
         with self._lock:
             self._samples.append((handler, key, payload))
             if self._scheduled or self._loop.is_closed():
                 return
             self._scheduled = True
-        with contextlib.suppress(RuntimeError):  # the loop may close between the look and the call
-            self._loop.call_soon_threadsafe(self._deliver)
+        self.call(self._deliver)
 
     def _deliver(self) -> None:
         with self._lock:

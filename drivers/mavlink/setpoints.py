@@ -6,6 +6,8 @@ the operator releases it.
 
 Where guided flight ends with the stream, a vehicle that nobody moves is streamed the autopilot's idle setpoint, and a
 gap in the stream counts as a take-over: whoever has the vehicle then must not lose it to a stream that comes back.
+Guided flight cannot be entered there without one, either: on the operator's word the place where the vehicle is is
+streamed for a while, so that he can ask for the mode himself.
 """
 
 from __future__ import annotations
@@ -27,10 +29,14 @@ from drivers.mavlink.vehicle import Heartbeat, Vehicle
 ZERO_REPEATED_S: Final = 2.0
 """How long zero velocity is repeated before silence: longer than a copter needs to stop."""
 
+OFFERED_S: Final = 60.0
+"""How long an idle setpoint is streamed for the operator to enter guided flight with."""
+
 _ALTITUDE_GAIN_PER_S: Final = 0.5
 _LARGEST_VERTICAL_MPS: Final = 1.0
 _ALTITUDE_FRESH_S: Final = 1.0
 _STANDING_MPS: Final = 0.5
+_SOONEST_S: Final = 0.001
 _SPEED_TOLERANCE: Final = 1.001
 
 
@@ -75,6 +81,7 @@ class SetpointStreamer:
         self._sent_velocity = 0j
         self._last_sent_s = float("-inf")
         self._lost_s = float("-inf")
+        self._offered_until_s = float("-inf")
         vehicle.on_heartbeat.append(self._watch_mode)
         self.release()
 
@@ -106,28 +113,54 @@ class SetpointStreamer:
         self._zero_until_s = self._clock.now_s() + ZERO_REPEATED_S
         self._send_velocity(expires_s=self._zero_until_s)
 
-    def release(self) -> None:
+    def release(self) -> str | None:
         """Give the vehicle back to the service after a pilot's take-over: the operator's word, never the service's.
 
-        Nothing changes unless a heartbeat since then says that the vehicle is in its guided mode.
+        Returns None when the vehicle is the service's, or else why not yet and what to do: a heartbeat since the
+        take-over has to say that it flies in its guided mode, which the operator asks for, never the service.
         """
         heartbeat = self.vehicle.telemetry.heartbeat
-        if self.state is not StreamState.PILOT or heartbeat is None or heartbeat.time_s < self._lost_s:
-            return
+        if self.state is not StreamState.PILOT:
+            return None
+        if heartbeat is None or heartbeat.time_s <= self._lost_s:
+            return "no heartbeat since it was lost: check its link, and try again in a second"
+        if not heartbeat.armed:
+            return "it is disarmed: it has to fly before it can be flown"
         if self._autopilot.is_guided(heartbeat):
             self._rest()
+            return None
+        switch = "switch it to its guided mode (GUIDED of ArduPilot, OFFBOARD of PX4) yourself"
+        if self._needs.idle_setpoint is None:
+            return f"it flies in another mode: {switch}, then release it again"
+        self._offered_until_s = self._clock.now_s() + OFFERED_S
+        return (
+            f"it flies in another mode, and guided flight needs a stream: for {OFFERED_S:.0f} s it is streamed the "
+            f"place where it is; {switch} within this, and it is released"
+        )
 
     async def run(self) -> None:
         """Repeat the current setpoint at the rate, and end it when the lease ends."""
         period_s = 1.0 / self._limits.rate_hz
         while True:
-            await self._clock.sleep(period_s / 2)
+            await self._clock.sleep(self._until_due_s(period_s))
             self._tick(self._clock.now_s(), period_s)
 
+    def _until_due_s(self, period_s: float) -> float:
+        """Return for how long there is nothing to send, s: whatever is renewed meanwhile is sent by whoever renews."""
+        if self.state in (StreamState.SILENT, StreamState.PILOT):
+            return period_s / 2
+        due_s = self._last_sent_s + period_s
+        if self.state is StreamState.LEASED:
+            due_s = min(due_s, self._lease_until_s)
+        return max(due_s - self._clock.now_s(), _SOONEST_S)
+
     def _tick(self, now_s: float, period_s: float) -> None:
-        if self.state is StreamState.SILENT or not self._has_vehicle():
+        if self.state is StreamState.SILENT:
             return
-        if self.state is StreamState.LEASED and now_s >= self._lease_until_s:
+        if not self._has_vehicle():
+            if now_s < self._offered_until_s and now_s - self._last_sent_s >= period_s:
+                self._idle_here()
+        elif self.state is StreamState.LEASED and now_s >= self._lease_until_s:
             self.stop()
         elif self.state is StreamState.STOPPING and (now_s >= self._zero_until_s or self._stands()):
             self._rest()
@@ -150,16 +183,23 @@ class SetpointStreamer:
 
     def _rest(self) -> None:
         """Be silent, or keep the stream up with a setpoint that moves nothing."""
+        self._offered_until_s = float("-inf")
         if self._needs.idle_setpoint is None:
             self.state = StreamState.SILENT
             return
         self.state = StreamState.IDLING
-        self._idle = self._needs.idle_setpoint(self.vehicle, self._altitude_m)
-        self._send_idle()
+        self._idle_here()
+
+    def _idle_here(self) -> None:
+        if self._needs.idle_setpoint is not None:
+            self._idle = self._needs.idle_setpoint(self.vehicle, self._altitude_m)
+            self._send_idle()
 
     def _watch_mode(self, heartbeat: Heartbeat) -> None:
         if not self._autopilot.is_guided(heartbeat):
             self._leave()
+        elif self.state is StreamState.PILOT and heartbeat.armed and heartbeat.time_s < self._offered_until_s:
+            self._rest()
 
     def _has_vehicle(self) -> bool:
         """Return whether the vehicle is the service's to move; after a gap in the stream it no longer is."""

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from gcs.monitor.troubles import link_troubles, relay_troubles
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.states import ReceiverState
 from gcs.status import RunStatus
@@ -27,6 +28,7 @@ _STYLES: Final = {
     ReceiverState.FAILED: "bold red",
 }
 _MOVING_STYLE: Final = "cyan"
+_TROUBLE_STYLE: Final = "red"
 
 
 async def show_progress(console: Console, status: RunStatus) -> None:
@@ -51,9 +53,10 @@ async def _print_messages(console: Console, status: RunStatus) -> None:
 
 
 def _print_new(console: Console, status: RunStatus, shown: int) -> int:
-    for time_s, message in list(status.messages)[shown:]:
+    new = min(status.said - shown, len(status.messages))
+    for time_s, message in list(status.messages)[len(status.messages) - new :]:
         console.print(Text(f"{time_s:7.1f} s  {message}"), soft_wrap=True)
-    return len(status.messages)
+    return status.said
 
 
 def progress_view(status: RunStatus) -> Group:
@@ -73,8 +76,9 @@ def progress_view(status: RunStatus) -> Group:
         table.add_column(name, justify="right", no_wrap=True)
     for record in status.records.values():
         table.add_row(*_progress_row(record), style=_STYLES.get(record.state, _MOVING_STYLE))
+    troubles = [Text(line, style=_TROUBLE_STYLE) for line in (*relay_troubles(status), *link_troubles(status))]
     messages = [Text(f"{time_s:7.1f} s  {text}") for time_s, text in list(status.messages)[-_MESSAGES_SHOWN:]]
-    return Group(head, table, *messages)
+    return Group(head, table, *troubles, *messages)
 
 
 def _progress_row(record: ReceiverRecord) -> tuple[str, ...]:

@@ -1,48 +1,64 @@
-"""The relay executor: brings every receiver to its slot, wave after wave, from bearings alone.
+"""The relay executor: brings every receiver to its slot, wave after wave, and holds them all when one has to hold.
 
-It sees leases, observations and objections; it has no way to ask where a vehicle says it is.
+It sees leases, observations and objections; it has no way to ask where a vehicle says it is. A vehicle that its pilot
+has taken over is left alone from then on, and a transmitter among them is not trusted to stand any more.
 """
 
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Callable, Mapping
-from itertools import groupby
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final, Protocol
 
 from drivers.clock import Clock
 from drivers.mavlink.setpoints import StreamState
-from gcs.bearings import BearingFeed, Observations, collect
+from drivers.tasks import background
+from gcs.bearings import BearingFeed
 from gcs.errors import HoldRequiredError
 from gcs.relay.emission import EmissionControl
-from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
-from gcs.relay.locating import locate, transmitters_to_hear
+from gcs.relay.journey import Journey, NoWayError, Surroundings
+from gcs.relay.leg_flight import Announce, SetpointLease
 from gcs.relay.records import ReceiverRecord
+from gcs.relay.rerouting import around_routes, bare_problem
+from gcs.relay.schedule import Departure, hovering_beside, next_departure
 from gcs.relay.settings import RelaySettings
-from gcs.relay.states import IN_FLIGHT, ReceiverState, require_transition
-from gcs.stop_monitor import SLOT, TURN, StopMonitor
-from planner.errors import PlannerError
+from gcs.relay.standing import Standing
+from gcs.relay.states import ENDED, IN_FLIGHT, ReceiverState
 from planner.frames import FormationFrame
-from planner.plan import Route
-from planner.positioning import Fix
-from planner.replan import replan
+from planner.relay import RelayProblem
 
 Objection = Callable[[str], str | None]
-"""Says why a receiver must not move now, or None."""
+"""Says why a vehicle must not move now, or None."""
+
+WATCH_PERIOD_S: Final = 0.1
+"""How often every vehicle's stream is looked at for a take-over."""
+
+_TAKEN: Final = "its mode was changed by the pilot, another station or a failsafe"
+_RELEASED: Final = "released: it hovers until the relay is resumed"
+
+
+class ReleasableLease(SetpointLease, Protocol):
+    """What the operator may do to a vehicle besides."""
+
+    def release(self) -> str | None:
+        """Give the vehicle back to the service; return why that cannot be yet and what to do, or None."""
+        ...
 
 
 class RelayExecutor:
-    """Runs one relay plan, given as the records of its receivers; `announce` is told every change of one."""
+    """Runs one relay plan, given as the records of its receivers.
+
+    `announce` is told every change of a receiver, `say` what concerns the relay as a whole. Attended, it waits for the
+    operator when it is held; unattended that ends it, unless the operator held it. `problem` says what new routes must
+    keep to; without it the separation alone.
+    """
 
     def __init__(
         self,
         records: Mapping[str, ReceiverRecord],
         transmitters: Mapping[str, complex],
         *,
-        leases: Mapping[str, SetpointLease],
+        leases: Mapping[str, ReleasableLease],
         feed: BearingFeed,
         emission: EmissionControl,
         frame: FormationFrame,
@@ -50,19 +66,34 @@ class RelayExecutor:
         settings: RelaySettings,
         objection: Objection,
         announce: Announce,
+        say: Callable[[str], None] = lambda _: None,
+        problem: RelayProblem | None = None,
+        attended: bool = False,
     ) -> None:
         self.records = records
-        self._places = dict(transmitters)
-        self._place_sigma_m = dict.fromkeys(transmitters, 0.0)
-        self._leases = leases
+        self.leases = leases
+        self.standing = Standing(transmitters)
+        self.objection = objection
+        self.held: str | None = None
+        """Why nobody flies until the operator resumes, or None."""
+        self.taken: set[str] = set()
+        """The vehicles that are not the service's to move, receivers and transmitters."""
+        self.given_up: set[str] = set()
+        """The receivers that are FAILED, and the transmitters that are not used any more."""
+        self.ended = False
+        self.waiting = False
+        """Whether the relay waits for the operator's word."""
         self._feed = feed
-        self._emission = emission
-        self._frame = frame
         self._clock = clock
         self._settings = settings
-        self._objection = objection
-        self._announce = announce
-        self._aborted: str | None = None
+        self._say = say
+        self._attended = self._waits = attended
+        routes = {name: record.route for name, record in records.items()}
+        problem = around_routes(problem or bare_problem(routes, transmitters, settings.min_separation_m), routes)
+        self._around = Surroundings(self.standing, emission, frame, clock, settings, problem, announce)
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._resumed: set[str] = set()
+        self._changed = asyncio.Event()
 
     @property
     def formed(self) -> bool:
@@ -70,131 +101,179 @@ class RelayExecutor:
         return all(record.state is ReceiverState.PLACED for record in self.records.values())
 
     async def run(self) -> None:
-        """Fly the waves one after another; return when all are PLACED or one could not go on.
+        """Fly the waves one after another; return when all are PLACED or FAILED, or the relay does not go on.
 
         Every vehicle in flight is told to stop when this ends, however it ends.
         """
         try:
-            routes = sorted((record.route for record in self.records.values()), key=lambda r: (r.wave, r.order))
-            for _, wave in groupby(routes, key=lambda route: route.wave):
-                flown = list(wave)
-                async with asyncio.TaskGroup() as group:
-                    for route in flown:
-                        group.create_task(self._bring(self.records[route.receiver]))
-                if any(self.records[route.receiver].state is not ReceiverState.PLACED for route in flown):
-                    break
+            async with background(self._watch()):
+                while not self.ended:
+                    await self._go_on()
         finally:
-            self._stop_all()
+            self.ended = True
+            for name, record in self.records.items():
+                if record.state in IN_FLIGHT:
+                    self.leases[name].stop()
 
-    def abort(self, reason: str) -> None:
-        """Stop every receiver at once and end the relay."""
-        self._aborted = reason
-        self._stop_all()
+    async def _go_on(self) -> None:
+        """Let fly who is due, or else wait for the operator, or end."""
+        self._changed.clear()
+        self.look()
+        departure = None
+        if self.held is None:
+            departure = next_departure(self.records, self._resumed, self.standing, self._settings.min_separation_m)
+        if departure is not None:
+            await self._fly(departure)
+        elif not self._waits or all(record.state in ENDED for record in self.records.values()):
+            self.ended = True
+        else:
+            self.waiting = True
+            self._say(f"waiting for the operator: {', or '.join(self.ways_out())}")
+            await self._changed.wait()
+            self.waiting = False
 
-    def _stop_all(self) -> None:
-        for name, record in self.records.items():
-            if record.state in IN_FLIGHT:
-                self._leases[name].stop()
+    def ways_out(self) -> list[str]:
+        """Return the commands of the operator that change something while the relay does not go on."""
+        words = [f"{verb} {name}" for name in self.blocking() for verb in ("release", "skip")]
+        return [f"bearing-relay control {word}" for word in (*(words or ["resume"]), "abort")]
 
-    async def _bring(self, record: ReceiverRecord) -> None:
-        """Bring one receiver to its slot, or leave it HELD or in PILOT with the reason; the others hold with it."""
+    def blocking(self) -> list[str]:
+        """Return the vehicles that are their pilots' and have not been given up."""
+        return sorted(self.taken - self.given_up)
+
+    def users(self, name: str) -> list[str]:
+        """Return the receivers on their way whose routes count on a transmitter."""
+        return [
+            user
+            for user, record in self.records.items()
+            if record.state not in ENDED and name in record.route.transmitters
+        ]
+
+    def hold(self, reason: str, *, wait: bool = False) -> list[str]:
+        """Stop all that fly and leave them HELD; return who they are. `wait` for the operator even unattended."""
+        flying = [record for record in self.records.values() if record.state in IN_FLIGHT]
+        for record in flying:
+            self.leases[record.name].stop()
+        for name in list(self._tasks):
+            self._cancel(name)
+        for record in flying:
+            self._around.enter(record, ReceiverState.HELD, reason)
+        if self.held is None:
+            self.held = reason
+            self._say(f"the relay holds: {reason}")
+        self._waits = self._waits or wait
+        self._resumed.clear()
+        self._changed.set()
+        return [record.name for record in flying]
+
+    def resume(self) -> list[str]:
+        """Let every HELD receiver go on, located and re-planned from where it is; return those not told so before."""
+        held = {name for name, record in self.records.items() if record.state is ReceiverState.HELD}
+        told = sorted(held - self._resumed)
+        self.held, self._waits, self._resumed = None, self._attended, held
+        self._changed.set()
+        return told
+
+    def give_up(self, name: str, reason: str) -> None:
+        """Do without a vehicle from now on: a receiver is FAILED and hovers, a transmitter is not used any more."""
+        self.given_up.add(name)
+        self.standing.lose(name)
+        self._cancel(name)
+        record = self.records.get(name)
+        if record is not None and record.state is not ReceiverState.FAILED:
+            self.leases[name].stop()
+            self._around.enter(record, ReceiverState.FAILED, reason)
+        self._changed.set()
+
+    def abort(self, reason: str) -> list[str]:
+        """Stop all that fly at once and end the relay; return who flew."""
+        self.ended = True
+        return self.hold(reason)
+
+    def look(self) -> None:
+        """Notice who was taken over by a pilot, and who was given back."""
+        for name, lease in self.leases.items():
+            taken = lease.state is StreamState.PILOT
+            if taken and name not in self.taken:
+                self._lose(name)
+            elif not taken and name in self.taken:
+                self._regain(name)
+
+    async def _watch(self) -> None:
+        while True:
+            await self._clock.sleep(WATCH_PERIOD_S)
+            self.look()
+
+    def _lose(self, name: str) -> None:
+        """Leave a vehicle to its pilot; the others hold when it was on its way or is needed as a transmitter."""
+        record = self.records.get(name)
+        on_its_way = record is not None and record.state not in ENDED
+        needed = name in self._around.emission.on_air or bool(self.users(name))
+        self.taken.add(name)
+        self.standing.lose(name)
+        self._cancel(name)
+        if record is None:
+            self._say(f"{name}: {_TAKEN}")
+        elif record.state is not ReceiverState.FAILED:
+            self._around.enter(record, ReceiverState.PILOT, _TAKEN)
+        if on_its_way or needed:
+            self.hold(f"{name} was taken over: {_TAKEN}")
+
+    def _regain(self, name: str) -> None:
+        self.taken.discard(name)
+        record = self.records.get(name)
+        if record is not None and record.state is ReceiverState.PILOT:
+            record.off_plan = True
+            self._around.enter(record, ReceiverState.HELD, _RELEASED)
+        elif name in self.standing.given and name not in self.given_up:
+            self.standing.restore(name)
+            self._say(f"{name}: released: it is taken to stand at its place")
+        self._changed.set()
+
+    def _cancel(self, name: str) -> None:
+        if (task := self._tasks.pop(name, None)) is not None:
+            task.cancel()
+
+    async def _fly(self, departure: Departure) -> None:
+        async with asyncio.TaskGroup() as group:
+            for record in departure.records:
+                self._resumed.discard(record.name)
+                self._tasks[record.name] = group.create_task(self._bring(record, alone=departure.alone))
+        self._tasks.clear()
+
+    async def _bring(self, record: ReceiverRecord, *, alone: bool) -> None:
+        """Bring one receiver to its slot, or leave it HELD, in PILOT or FAILED with the reason."""
         try:
             with self._feed.listen(record.name) as observations:
-                await self._fly_route(record, observations)
-        except HoldRequiredError as hold:
-            lease = self._leases[record.name]
-            lease.stop()
-            taken = lease.state is StreamState.PILOT
-            self._enter(record, ReceiverState.PILOT if taken else ReceiverState.HELD, hold.reason)
-            if self._aborted is None:
-                self.abort(f"{record.name} is held: {hold.reason}")
+                await Journey(
+                    record,
+                    self._around,
+                    self.leases[record.name],
+                    observations,
+                    objection=lambda: self._forbidden(record.name),
+                    again=record.state is ReceiverState.HELD,
+                    hovering=hovering_beside(record.name, self.records) if alone else None,
+                ).fly()
+        except HoldRequiredError as problem:
+            self._tasks.pop(record.name, None)  # it ends by itself
+            self._halt(record, problem)
         finally:
-            self._emission.need(record.name, ())
+            self._around.emission.need(record.name, ())
 
-    async def _fly_route(self, record: ReceiverRecord, observations: Observations) -> None:
-        self._enter(record, ReceiverState.LOCATING)
-        fix = await self._located(record.route, observations, self._settings.locate_samples, record.route.start)
-        record.route = self._replanned(record.route, fix.position)
-        place, covariance = fix.position, fix.covariance
-        for number, leg in enumerate(record.route.legs, start=1):
-            self._enter(record, ReceiverState[f"LEG_{number}"])
-            self._emission.need(record.name, {leg.guide, *leg.stop_reference})
-            rule = SLOT if number == len(record.route.legs) else TURN
-            monitor = StopMonitor(leg, self._places, place, covariance, self._clock.now_s(), rule)
-            await self._leg_flight(record, monitor, observations).fly()
-            place, covariance = monitor.place()
-        self._enter(record, ReceiverState.VERIFYING)
-        await self._clock.sleep(self._settings.settle_s)
-        fix = await self._located(record.route, observations, self._settings.verify_samples, record.route.target)
-        off_m = self._verified_offset_m(record.route, fix)
-        self._places[record.name] = fix.position  # where the next receivers will find their transmitter
-        self._place_sigma_m[record.name] = _worst_sigma_m(fix.covariance)
-        self._enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {record.route.slot}")
-
-    def _leg_flight(self, record: ReceiverRecord, monitor: StopMonitor, observations: Observations) -> LegFlight:
-        return LegFlight(
-            record,
-            monitor,
-            self._leases[record.name],
-            observations,
-            objection=lambda: self._forbidden(record.name),
-            announce=self._announce,
-            frame=self._frame,
-            clock=self._clock,
-            settings=self._settings,
-        )
+    def _halt(self, record: ReceiverRecord, problem: HoldRequiredError) -> None:
+        """Stop a receiver that must not fly on, and the relay with it, unless it has no way without one given up."""
+        lost = self.given_up & set(record.route.transmitters)
+        self.leases[record.name].stop()
+        if self.leases[record.name].state is StreamState.PILOT:
+            self._lose(record.name)
+        elif isinstance(problem, NoWayError) and lost:
+            self.give_up(record.name, f"{', '.join(sorted(lost))} was given up, and without: {problem.reason}")
+        else:
+            self._around.enter(record, ReceiverState.HELD, problem.reason)
+            self.hold(f"{record.name} is held: {problem.reason}")
 
     def _forbidden(self, name: str) -> str | None:
         """Return why a receiver must not move now, or None. HoldRequiredError when it is not the service's to move."""
-        if self._leases[name].state is StreamState.PILOT:
-            raise HoldRequiredError("its mode was changed by the pilot, another station or a failsafe")
-        if self._aborted is not None:
-            raise HoldRequiredError(self._aborted)
-        return self._objection(name)
-
-    async def _located(self, route: Route, observations: Observations, samples: int, prior: complex) -> Fix:
-        """Locate a receiver that hovers near `prior`. HoldRequiredError when bearings do not fix its place."""
-        names = transmitters_to_hear(prior, route.transmitters, self._places)
-        self._emission.need(route.receiver, names)
-        observations.forget()
-        heard = await collect(observations, samples, names, self._settings.give_up_s)
-        if (objection := self._forbidden(route.receiver)) is not None:
-            raise HoldRequiredError(objection)
-        if len(heard) < samples:
-            raise HoldRequiredError(
-                f"only {len(heard)} of {samples} reports with bearings of {', '.join(sorted(names))}: "
-                "check its sensor and the transmitters"
-            )
-        try:
-            return locate(heard, {name: self._places[name] for name in sorted(names)}, self._place_sigma_m, prior)
-        except PlannerError as error:
-            raise HoldRequiredError(f"it could not be located: {error}") from error
-
-    def _replanned(self, route: Route, located: complex) -> Route:
-        off_m = abs(located - route.start)
-        if off_m > self._settings.start_tolerance_m:
-            raise HoldRequiredError(
-                f"it was located {off_m:.1f} m from its start (more than {self._settings.start_tolerance_m:g} m): "
-                "check the site frame, and which UAV stands where"
-            )
-        try:
-            return replan(route, located, self._places, self._settings.min_separation_m)
-        except PlannerError as error:
-            raise HoldRequiredError(str(error)) from error
-
-    def _verified_offset_m(self, route: Route, fix: Fix) -> float:
-        """Return how far bearings put a receiver from its slot, m; HoldRequiredError when that is too far."""
-        off_m = abs(fix.position - route.target)
-        allowed_m = self._settings.placement_tolerance_m + 3.0 * _worst_sigma_m(fix.covariance)
-        if off_m > allowed_m:
-            raise HoldRequiredError(f"bearings put it {off_m:.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)")
-        return off_m
-
-    def _enter(self, record: ReceiverRecord, state: ReceiverState, reason: str = "") -> None:
-        require_transition(record.name, record.state, state)
-        record.state, record.reason = state, reason
-        self._announce(record)
-
-
-def _worst_sigma_m(covariance: NDArray[np.float64]) -> float:
-    return math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+        if self.leases[name].state is StreamState.PILOT:
+            raise HoldRequiredError(_TAKEN)
+        return self.objection(name)

@@ -11,6 +11,7 @@ from drivers.mavlink.setpoints import StreamState
 from gcs.bearings import Observation, Observations
 from gcs.errors import HoldRequiredError
 from gcs.guidance import leg_velocity
+from gcs.relay.locating import typical_direction
 from gcs.relay.records import LegRecord, ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.stop_monitor import StopMonitor
@@ -52,6 +53,8 @@ class LegFlight:
     clock: Clock
     settings: RelaySettings
     _usable_s: float = field(default=0.0, init=False)
+    _agreed_s: dict[str, float] = field(default_factory=dict, init=False)
+    """When the direction of each transmitter that the leg needs last agreed."""
     _angle_errors_rad: list[float] = field(default_factory=list, init=False)
 
     async def fly(self) -> None:
@@ -60,20 +63,22 @@ class LegFlight:
         flown = LegRecord(leg, started_s=self.clock.now_s())
         self.record.legs.append(flown)
         self._usable_s = flown.started_s
+        self._agreed_s = dict.fromkeys((leg.guide, *leg.stop_reference), flown.started_s)
         deadline_s = flown.started_s + self.settings.longest_leg_s(leg)
         while not await self._step(flown):
             if self.clock.now_s() > deadline_s:
                 raise HoldRequiredError(f"the leg took longer than {self.settings.longest_leg_s(leg):.0f} s")
         self.lease.stop()
         flown.ended_s = self.clock.now_s()
-        flown.stop_angle_error_rad = sum(self._angle_errors_rad) / len(self._angle_errors_rad)
+        self.monitor.commanded(flown.ended_s, 0j)
+        flown.stop_angle_error_rad = typical_direction(self._angle_errors_rad) if self._angle_errors_rad else None
 
     async def _step(self, flown: LegRecord) -> bool:
         """Take the next observation and steer by it; True when the leg has ended."""
         observation = await self.observations.next(self.settings.gap_s)
         now_s = self.clock.now_s()
         problem = self.objection()
-        if problem is None and observation is not None and self._accepted(observation):
+        if problem is None and observation is not None and self._usable(observation, now_s):
             self._usable_s = now_s
             return self._steer(flown, observation, now_s)
         problem = problem or self._overdue(observation, now_s)
@@ -81,45 +86,52 @@ class LegFlight:
             self._suspend(problem, now_s)
         return False
 
-    def _accepted(self, observation: Observation) -> bool:
-        """Return whether an observation holds what the leg needs and agrees with it."""
-        return not self._missing(observation) and self.monitor.observe(
-            observation.captured_s, observation.directions_rad, observation.sigma_rad
-        )
+    def _usable(self, observation: Observation, now_s: float) -> bool:
+        """Return whether an observation is something to steer by: two directions or more agree, and none is missed."""
+        agreeing = self.monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
+        for name in agreeing & self._agreed_s.keys():
+            self._agreed_s[name] = now_s
+        return len(agreeing) > 1 and not self._late(now_s)
 
-    def _missing(self, observation: Observation) -> set[str]:
-        leg = self.monitor.leg
-        return {leg.guide, *leg.stop_reference} - observation.directions_rad.keys()
+    def _late(self, now_s: float) -> list[str]:
+        """Return the transmitters the leg needs and whose directions have not agreed for too long."""
+        return sorted(name for name, at_s in self._agreed_s.items() if now_s - at_s >= self.settings.gap_s)
 
     def _overdue(self, observation: Observation | None, now_s: float) -> str | None:
         """Return what has been wrong with the bearings for too long, in words, or None."""
         if observation is None:
             return f"no bearing report from its sensor for {self.settings.gap_s:g} s"
-        if now_s - self._usable_s < self.settings.gap_s:
+        late = self._late(now_s)
+        if not late and now_s - self._usable_s < self.settings.gap_s:
             return None
-        missing = self._missing(observation)
-        return f"it does not hear {', '.join(sorted(missing))}" if missing else "its bearings contradict the leg"
+        if self.monitor.stuck:
+            return "its sensor repeats one report"
+        unheard = [name for name in late if name not in observation.directions_rad]
+        return f"it does not hear {', '.join(unheard)}" if unheard else "its bearings contradict the leg"
 
     def _steer(self, flown: LegRecord, observation: Observation, now_s: float) -> bool:
         """Renew the lease with the velocity that the angles ask for; True when the stop condition holds instead."""
-        flown.measured_angle_rad = _subtended(flown.leg, observation)
-        flown.estimate = self.monitor.estimate(now_s)
-        arrived = self.monitor.arrived(now_s)
+        now = self.monitor.whereabouts(now_s)
+        flown.estimate = self.monitor.estimate(now)
+        arrived = self.monitor.arrived(now)
         if not self.monitor.dwelling:
             self._angle_errors_rad.clear()
-        self._angle_errors_rad.append(wrap(flown.measured_angle_rad - flown.leg.stop_angle_rad))
+        measured_rad = _subtended(flown.leg, observation)
+        if measured_rad is not None:
+            flown.measured_angle_rad = measured_rad
+            self._angle_errors_rad.append(wrap(measured_rad - flown.leg.stop_angle_rad))
         if arrived:
             return True
-        along_mps, across_mps = leg_velocity(flown.estimate, self.settings.limits)
-        self.lease.renew(self.frame.to_site(self.monitor.course * complex(along_mps, across_mps)))
-        self.monitor.commanded(now_s, along_mps, across_mps)
+        velocity = leg_velocity(now, self.settings.limits)
+        self.lease.renew(self.frame.to_site(self.monitor.course * velocity))
+        self.monitor.commanded(now_s, velocity)
         self._say("")
         return False
 
     def _suspend(self, problem: str, now_s: float) -> None:
         """Zero velocity while the problem lasts. HoldRequiredError when it lasts too long."""
         self.lease.stop()
-        self.monitor.commanded(now_s, 0.0, 0.0)
+        self.monitor.commanded(now_s, 0j)
         self._say(f"{problem}: zero velocity")
         if now_s - self._usable_s >= self.settings.give_up_s:
             raise HoldRequiredError(f"{problem} (for {now_s - self._usable_s:.1f} s)")
@@ -131,6 +143,7 @@ class LegFlight:
             self.announce(self.record)
 
 
-def _subtended(leg: Leg, observation: Observation) -> float:
-    first, second = (observation.directions_rad[name] for name in leg.stop_reference)
-    return wrap(second - first)
+def _subtended(leg: Leg, observation: Observation) -> float | None:
+    """Return the subtended angle of the leg's stop reference, or None when one of the two is not heard."""
+    first, second = (observation.directions_rad.get(name) for name in leg.stop_reference)
+    return None if first is None or second is None else wrap(second - first)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
@@ -10,6 +11,7 @@ import numpy as np
 
 from gcs.bearings import Observation
 from planner.angles import wrap, wrap_all
+from planner.errors import PositioningError
 from planner.positioning import Fix, dilution, locate_by_bearings
 
 WANTED_DILUTION_M_PER_RAD: Final = 400.0
@@ -17,6 +19,8 @@ WANTED_DILUTION_M_PER_RAD: Final = 400.0
 
 _MAD_TO_SIGMA: Final = 1.4826
 _OUTLIER_SIGMAS: Final = 4.0
+_SWAYS_M: Final = (0.1, 0.3, 1.0)
+"""How far what stands in the air may sway: in calm air, and where directions contradict each other without wind."""
 _LEAST_SPREAD_RAD: Final = math.radians(0.01)
 
 
@@ -53,17 +57,28 @@ def locate(
     """
     directions = {name: typical_direction([o.directions_rad[name] for o in observations]) for name in transmitters}
     averaging = math.sqrt(len(observations))
-    sigma = {
-        name: math.hypot(observations[-1].sigma_rad[name] / averaging, place_sigma_m[name] / abs(at - prior))
-        for name, at in transmitters.items()
-    }
-    return locate_by_bearings(directions, transmitters, sigma, prior=prior)
+
+    def located(sway_m: float) -> Fix:
+        sigma = {
+            name: math.hypot(
+                observations[-1].sigma_rad[name] / averaging, math.hypot(place_sigma_m[name], sway_m) / abs(at - prior)
+            )
+            for name, at in transmitters.items()
+        }
+        return locate_by_bearings(directions, transmitters, sigma, prior=prior)
+
+    for sway_m in _SWAYS_M[:-1]:
+        with contextlib.suppress(PositioningError):
+            return located(sway_m)
+    return located(_SWAYS_M[-1])
 
 
 def typical_direction(directions_rad: Sequence[float]) -> float:
     """Return the mean of directions, rad, without those far from their median: a multipath jump must not count."""
     about = np.asarray(directions_rad)
-    offsets = wrap_all(about - about[0])
+    apart = wrap_all(about[:, None] - about)
+    middle = about[int(np.argmin(np.median(np.abs(apart), axis=0)))]
+    offsets = wrap_all(about - middle)
     offsets = wrap_all(offsets - np.median(offsets))
     spread = max(_MAD_TO_SIGMA * float(np.median(np.abs(offsets))), _LEAST_SPREAD_RAD)
     kept = about[np.abs(offsets) <= _OUTLIER_SIGMAS * spread]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gcs.relay.states import ReceiverState
+from gcs.relay.states import IN_FLIGHT, ReceiverState
 from gcs.stop_monitor import LegEstimate
 from planner.plan import Leg, Route
 
@@ -30,6 +30,11 @@ class ReceiverRecord:
     state: ReceiverState = ReceiverState.WAITING
     reason: str = ""
     legs: list[LegRecord] = field(default_factory=list)
+    """The legs flown since it was last located."""
+    place: complex | None = None
+    """Where bearings put it last, formation frame, m."""
+    off_plan: bool = False
+    """Whether it cannot keep to its planned route: somebody else has moved it, or it has no way along it."""
 
     @property
     def name(self) -> str:
@@ -38,5 +43,6 @@ class ReceiverRecord:
 
     @property
     def leg(self) -> LegRecord | None:
-        """The leg being flown, or None between legs."""
-        return self.legs[-1] if self.legs and self.legs[-1].ended_s is None else None
+        """The leg being flown, or None between legs and while it is held."""
+        flying = self.state in IN_FLIGHT and bool(self.legs) and self.legs[-1].ended_s is None
+        return self.legs[-1] if flying else None

@@ -27,6 +27,7 @@ _S = ReceiverState
 _EXITS: Final = frozenset({_S.HELD, _S.PILOT, _S.FAILED})
 
 # A route has two legs, one where guide, start and slot lie in line, none where the receiver stands in its slot.
+# Whoever was held is located anew before anything else, and a pilot's vehicle is held before it flies again.
 TRANSITIONS: Final = MappingProxyType(
     {
         _S.WAITING: frozenset({_S.LOCATING}) | _EXITS,
@@ -35,7 +36,7 @@ TRANSITIONS: Final = MappingProxyType(
         _S.LEG_2: frozenset({_S.VERIFYING}) | _EXITS,
         _S.VERIFYING: frozenset({_S.PLACED}) | _EXITS,
         _S.PLACED: _EXITS,
-        _S.HELD: frozenset({_S.PILOT, _S.FAILED}),
+        _S.HELD: frozenset({_S.LOCATING, _S.PILOT, _S.FAILED}),
         _S.PILOT: frozenset({_S.HELD, _S.FAILED}),
         _S.FAILED: frozenset(),
     }
@@ -43,6 +44,9 @@ TRANSITIONS: Final = MappingProxyType(
 
 IN_FLIGHT: Final = frozenset({_S.LOCATING, _S.LEG_1, _S.LEG_2, _S.VERIFYING})
 """States in which the executor works on the receiver."""
+
+ENDED: Final = frozenset({_S.PLACED, _S.FAILED})
+"""States in which nothing more is done for the receiver, unless a pilot takes it."""
 
 
 def require_transition(receiver: str, old: ReceiverState, new: ReceiverState) -> None:

@@ -8,7 +8,7 @@ from tests.fakes import matches
 KEYS = SwarmKeys("paper-8")
 
 
-@pytest.mark.parametrize("kind", ["bearings", "position", "emission", "sensor_fault"])
+@pytest.mark.parametrize("kind", ["bearings", "position", "emission", "sensor_fault", "clock_ping", "clock_pong"])
 def test_a_uavs_key_names_it_and_is_covered_by_the_key_of_all(kind):
     key = getattr(KEYS, kind)("U1.left")
     assert uav_of(key) == "U1.left"
@@ -21,6 +21,7 @@ def test_the_keys_are_those_the_uavs_are_told():
     assert KEYS.position("U1") == "bearing-relay/paper-8/uav/U1/position"
     assert KEYS.emission("U1") == "bearing-relay/paper-8/uav/U1/emission"
     assert KEYS.progress == "bearing-relay/paper-8/relay/progress"
+    assert KEYS.control == "bearing-relay/paper-8/relay/control"
 
 
 @pytest.mark.parametrize(
@@ -29,6 +30,7 @@ def test_the_keys_are_those_the_uavs_are_told():
         "",
         "bearing-relay",
         KEYS.progress,
+        KEYS.control,
         "bearing-relay/paper-8/uav/U1",
         "bearing-relay/paper-8/uav//bearings",
         "bearing-relay/paper-8/uav/*/bearings",

@@ -10,6 +10,10 @@ from hypothesis import strategies as st
 from drivers.bus.messages import (
     Bearing,
     BearingReport,
+    ClockPing,
+    ClockPong,
+    ControlReply,
+    ControlRequest,
     Emission,
     MalformedMessageError,
     PositionReport,
@@ -20,10 +24,14 @@ from drivers.bus.messages import (
     json_schemas,
 )
 
-KINDS = (BearingReport, PositionReport, Emission, SensorFault, Progress)
+KINDS = (
+    *(BearingReport, PositionReport, Emission, SensorFault, Progress, ClockPing, ClockPong),
+    *(ControlRequest, ControlReply),
+)
 BEARING = {"transmitter": "L0", "azimuth_rad": 1.5, "sigma_rad": 0.01}
 REPORT = {"captured_ns": 17, "sequence": 3, "reference": "true_north", "bearings": [BEARING]}
 POSITION = {"time_ns": 5, "north_m": 1.0, "east_m": -2.0, "down_m": -10.0, "north_mps": 0.5, "east_mps": 0.0}
+CONTROL = {"verb": "release", "vehicle": "U1"}
 PROGRESS = {"time_ns": 5, "receiver": "U1", "state": "LEG_1", "reason": ""}
 
 times_ns = st.integers(0, 2**63 - 1)
@@ -39,6 +47,9 @@ messages = st.one_of(
         sequence=st.integers(0, 2**53),
         reference=st.sampled_from(["true_north", "body"]),
         bearings=st.lists(bearings, max_size=8),
+        captured_uncertainty_ns=st.integers(0, 2**53),
+        clock=st.just("") | names,
+        resolution_rad=st.floats(0.0, 3.14),
     ),
     st.builds(
         PositionReport,
@@ -48,10 +59,19 @@ messages = st.one_of(
         down_m=metres,
         north_mps=speeds,
         east_mps=speeds,
+        heading_rad=st.none() | st.floats(-math.tau, math.tau),
     ),
     st.builds(Emission, on=st.booleans()),
     st.builds(SensorFault, silent=st.booleans()),
     st.builds(Progress, time_ns=times_ns, receiver=names, state=st.text(), reason=st.text()),
+    st.builds(
+        ControlRequest,
+        verb=st.sampled_from(["hold", "resume", "skip", "release", "abort"]),
+        vehicle=st.none() | names,
+    ),
+    st.builds(ControlReply, ok=st.booleans(), message=st.text()),
+    st.builds(ClockPing, asked_ns=times_ns),
+    st.builds(ClockPong, asked_ns=times_ns, received_ns=times_ns, answered_ns=times_ns, clock=st.just("") | names),
 )
 
 
@@ -123,6 +143,12 @@ def test_a_whole_number_is_a_length_too():
         pytest.param(b"{}", SensorFault, id="empty object"),
         pytest.param(changed(PROGRESS, receiver=""), Progress, id="nameless receiver"),
         pytest.param(changed(PROGRESS, reason=None), Progress, id="null reason"),
+        pytest.param(changed(CONTROL, verb="arm"), ControlRequest, id="unknown verb"),
+        pytest.param(changed(CONTROL, verb="HOLD"), ControlRequest, id="shouted verb"),
+        pytest.param(changed(CONTROL, vehicle=""), ControlRequest, id="nameless vehicle"),
+        pytest.param(changed(CONTROL, vehicle=["U1", "U2"]), ControlRequest, id="two vehicles"),
+        pytest.param(changed(CONTROL, force=True), ControlRequest, id="unknown field of a request"),
+        pytest.param(without(CONTROL, "verb"), ControlRequest, id="no verb"),
         pytest.param(b"", Emission, id="nothing"),
         pytest.param(b'{"on":true}x', Emission, id="more after the end"),
         pytest.param(b'{"on":true', Emission, id="cut off"),
@@ -180,14 +206,24 @@ def conforms(value, schema):
     if "$ref" in schema:
         return conforms(value, SCHEMAS["$defs"][schema["$ref"].removeprefix("#/$defs/")])
     assert schema.keys() <= KNOWN_KEYWORDS, "teach conforms() the new keyword"
+    if "anyOf" in schema and not any(conforms(value, option) for option in schema["anyOf"]):
+        return False
     return all(check(value, schema) for check in (_conforms_type, _conforms_range, _conforms_parts))
 
 
 KNOWN_KEYWORDS = {
     *("title", "description", "type", "enum", "minimum", "maximum", "exclusiveMinimum", "minLength", "maxLength"),
-    *("properties", "required", "additionalProperties", "items", "maxItems"),
+    *("properties", "required", "additionalProperties", "items", "maxItems", "anyOf", "default"),
 }
-JSON_TYPES = {"object": dict, "array": list, "string": str, "number": (int, float), "integer": int, "boolean": bool}
+JSON_TYPES = {
+    "null": type(None),
+    "object": dict,
+    "array": list,
+    "string": str,
+    "number": (int, float),
+    "integer": int,
+    "boolean": bool,
+}
 
 
 def _conforms_type(value, schema):
@@ -227,7 +263,15 @@ def test_the_schema_is_json_and_describes_every_message_by_name():
     assert {option["$ref"] for option in published["anyOf"]} == {f"#/$defs/{kind.__name__}" for kind in KINDS}
     for definition in published["$defs"].values():
         assert definition["additionalProperties"] is False
-        assert set(definition["required"]) == definition["properties"].keys()
+        optional = {name for name, field in definition["properties"].items() if "default" in field}
+        assert set(definition["required"]) == definition["properties"].keys() - optional
+
+
+def test_what_is_optional_is_not_sent_unless_it_says_something():
+    assert json.loads(encode(decode(json.dumps(REPORT).encode(), BearingReport))) == REPORT
+    assert json.loads(encode(decode(json.dumps(POSITION).encode(), PositionReport))) == POSITION
+    full = REPORT | {"captured_uncertainty_ns": 5, "clock": "companion", "resolution_rad": 0.017}
+    assert json.loads(encode(decode(json.dumps(full).encode(), BearingReport))) == full
 
 
 @given(messages)

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from drivers.bus.session import BusEndpoint, open_bus
+from drivers.bus.session import ANSWERED_WITHIN_S, HISTORY_KEPT, BusEndpoint, open_bus
 from drivers.errors import BusError
 from drivers.simulation.launcher import free_tcp_port, process_group
 
@@ -141,6 +141,94 @@ async def test_a_late_joiner_fetches_the_last_value_of_every_key(router):
             wanted = {"t/uav/U1/emission": b"on", "t/uav/L0/emission": b"on"}
             assert await fetched(late, "t/uav/*/emission", wanted)
             assert await late.fetch("t/uav/*/position") == {}
+
+
+@pytest.mark.slow
+async def test_a_late_joiner_fetches_the_whole_history_in_order_and_then_hears_the_rest(router):
+    async with open_bus(router.endpoint) as sender, open_bus(router.endpoint) as late:
+        for number in range(HISTORY_KEPT + 10):
+            sender.put_history("t/progress", b"%d" % number)
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not (fetched := await late.fetch_history("t/progress")):
+            assert time.monotonic() < deadline_s
+        assert [int(payload) for payload in fetched] == list(range(10, HISTORY_KEPT + 10))
+        inbox = Inbox()
+        late.subscribe("t/progress", inbox.take)
+        await inbox.until_ready(lambda: sender.put_history("t/progress", b"-1"))
+        assert (await late.fetch_history("t/progress"))[-1] == b"-1"
+        assert await late.fetch_history("t/other") == []
+
+
+async def answered(bus, key, payload):
+    """Return the answer to a query, asked again until the one who serves it is known."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return await bus.ask(key, payload)
+        except BusError:
+            assert time.monotonic() < deadline_s
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.slow
+async def test_a_query_is_answered_on_the_event_loop_and_only_its_asker_hears_it(router):
+    async with open_bus(router.endpoint) as server, open_bus(router.endpoint) as asker:
+        asked, overheard = [], Inbox()
+
+        def answer(payload):
+            asyncio.get_running_loop()
+            asked.append(payload)
+            return payload.upper()
+
+        server.serve("t/control", answer)
+        server.subscribe("t/*", overheard.take)
+        assert await answered(asker, "t/control", b"hold") == b"HOLD"
+        replies = await asyncio.gather(*(asker.ask("t/control", b"%d" % number) for number in range(20)))
+        assert sorted(replies, key=int) == [b"%d" % number for number in range(20)]
+        assert await asker.ask("t/control", b"") == b""
+        assert len(asked) == 22
+        assert overheard.samples == []
+
+
+@pytest.mark.slow
+async def test_without_anybody_who_serves_it_a_query_is_an_error_at_once(router):
+    async with open_bus(router.endpoint) as asker:
+        started_s = time.monotonic()
+        with pytest.raises(BusError, match="t/control is not answered: nobody serves it"):
+            await asker.ask("t/control", b"hold")
+        assert time.monotonic() - started_s < 1.0
+
+
+@pytest.mark.slow
+async def test_a_failing_answer_is_an_error_for_the_asker_and_the_next_one_is_answered(router):
+    async with open_bus(router.endpoint) as server, open_bus(router.endpoint) as asker:
+        complaints = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context["exception"]))
+        server.serve("t/control", lambda payload: b"%d" % (1 // len(payload)))
+        assert await answered(asker, "t/control", b"1") == b"1"
+        with pytest.raises(BusError, match="answering it failed"):
+            await asker.ask("t/control", b"")
+        assert await asker.ask("t/control", b"1") == b"1"
+        assert [type(complaint) for complaint in complaints] == [ZeroDivisionError]
+
+
+def stick_for(duration_s):
+    """Let the event loop be stuck."""
+    time.sleep(duration_s)
+
+
+@pytest.mark.slow
+async def test_what_could_not_be_answered_in_time_is_not_done_later_either(router):
+    async with open_bus(router.endpoint) as server, open_bus(router.endpoint) as asker:
+        done = []
+        server.serve("t/control", lambda payload: done.append(payload) or payload)
+        await answered(asker, "t/control", b"ready")
+        asking = asyncio.create_task(asker.ask("t/control", b"resume"))
+        await asyncio.sleep(0.0)
+        stick_for(ANSWERED_WITHIN_S + 0.3)
+        with pytest.raises(BusError, match="nothing was done"):
+            await asking
+        assert done == [b"ready"]
 
 
 @pytest.mark.slow

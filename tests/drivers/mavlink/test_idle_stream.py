@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.mavlink.autopilots.px4 import ACCELERATION_MPS2, LONGEST_GAP_S, Px4Copter
-from drivers.mavlink.setpoints import SetpointStreamer, StreamLimits, StreamState
+from drivers.mavlink.setpoints import OFFERED_S, SetpointStreamer, StreamLimits, StreamState
 from tests.fakes import ManualClock, settle
 
 OFFBOARD, LOITER, POSCTL = 0x0006_0000, 0x0304_0000, 0x0003_0000
@@ -26,15 +26,16 @@ class Stream:
     def __init__(self, rig):
         self.rig, self.clock, self.wire = rig, rig.clock, rig.wire
         self.vehicle = rig.vehicle()
-        self.mode, self.speed_mps = OFFBOARD, 0.0
+        self.mode, self.speed_mps, self.north = OFFBOARD, 0.0, 0
+        self.armed = True
         self.speak()
         self.streamer = SetpointStreamer(self.vehicle, Px4Copter(), ALTITUDE_M, LIMITS, self.clock)
 
     def speak(self):
-        self.rig.copter.heartbeat(mode=self.mode, autopilot=mavlink.MAV_AUTOPILOT_PX4)
+        self.rig.copter.heartbeat(mode=self.mode, armed=self.armed, autopilot=mavlink.MAV_AUTOPILOT_PX4)
         self.rig.copter.say(
             mavlink.MAVLink_global_position_int_message(
-                0, 474_000_000, 85_000_000, 439_000, 9_000, round(self.speed_mps * 100), 0, 0, 0
+                0, 474_000_000 + self.north, 85_000_000, 439_000, 9_000, round(self.speed_mps * 100), 0, 0, 0
             )
         )
 
@@ -194,6 +195,71 @@ async def test_after_a_gap_the_operators_release_needs_a_heartbeat_in_offboard_s
     assert stream.velocities == []
 
 
+async def taken(stream, mode=LOITER):
+    await stream.live(1.0)
+    stream.mode = mode
+    await stream.live(1.0)
+    assert stream.streamer.state is StreamState.PILOT
+    return len(stream.sent)
+
+
+@pytest.mark.parametrize("lost", ["by a mode", "by a gap"])
+async def test_released_in_another_mode_its_place_is_streamed_until_the_operator_has_asked_for_offboard(stream, lost):
+    """OFFBOARD is not entered without a stream: without this nobody could give the vehicle back."""
+    if lost == "by a gap":
+        stream.clock.jump(LONGEST_GAP_S + 0.1)
+    left = await taken(stream)
+    assert "OFFBOARD" in stream.streamer.release()
+    await stream.live(3.0)
+    assert stream.streamer.state is StreamState.PILOT
+    stream.north = 5_000  # its pilot still flies it
+    await stream.live(1.0)
+    stream.mode = OFFBOARD
+    await stream.live(2.0)
+    assert stream.streamer.state is StreamState.IDLING
+    assert stream.velocities == []
+    assert max(later.time_s - earlier.time_s for earlier, later in itertools.pairwise(stream.sent[left:])) < 0.16
+    assert {sent.message.lat_int for sent in stream.sent[left:]} == {474_000_000, 474_005_000}
+    assert stream.sent[-1].message.lat_int == 474_005_000
+    await stream.live(1.0, 3 + 0j)
+    assert stream.streamer.state is StreamState.LEASED
+
+
+async def test_an_offer_ends_and_then_offboard_alone_gives_nothing_back(stream):
+    left = await taken(stream)
+    stream.streamer.release()
+    await stream.live(OFFERED_S + 1.0)
+    offered = len(stream.sent)
+    assert offered > left
+    stream.mode = OFFBOARD
+    await stream.live(3.0, 3 + 0j)
+    assert len(stream.sent) == offered
+    assert stream.streamer.state is StreamState.PILOT
+    assert stream.streamer.release() is None
+
+
+async def test_a_pilot_who_takes_it_again_ends_the_offer_with_it(stream):
+    await taken(stream)
+    stream.streamer.release()
+    stream.mode = OFFBOARD
+    await stream.live(1.0)
+    left = await taken(stream, POSCTL)
+    stream.mode = OFFBOARD
+    await stream.live(2.0, 3 + 0j)
+    assert len(stream.sent) == left
+
+
+@pytest.mark.parametrize("mode", [OFFBOARD, LOITER])
+async def test_a_vehicle_on_the_ground_is_not_released(stream, mode):
+    await taken(stream)
+    stream.armed, stream.mode = False, mode
+    await stream.live(1.0)
+    left = len(stream.sent)
+    assert "disarmed" in stream.streamer.release()
+    await stream.live(2.0)
+    assert len(stream.sent) == left
+
+
 async def test_no_message_of_the_stream_changes_a_mode(stream):
     await stream.live(1.0, 3 + 0j)
     stream.streamer.stop()
@@ -218,9 +284,10 @@ events = st.one_of(
 def test_whatever_happens_no_motion_outlives_its_lease_and_nothing_follows_a_take_over(make_rig, happenings):
     async def scenario():
         async with make_rig(ManualClock()).running() as rig, Stream(rig).running() as stream:
-            renewed_s, checked = -math.inf, 0
+            renewed_s, checked, offered = -math.inf, 0, False
             for kind, value in happenings:
                 taken, before = stream.streamer.state is StreamState.PILOT, len(stream.sent)
+                offered = taken and (offered or kind == "release")
                 if kind == "renew":
                     stream.streamer.renew(value)
                     renewed_s = stream.clock.now_s()
@@ -236,7 +303,7 @@ def test_whatever_happens_no_motion_outlives_its_lease_and_nothing_follows_a_tak
                 else:
                     getattr(stream.streamer, kind)()
                 await settle()
-                if taken and kind != "release":
+                if taken and not offered:
                     assert len(stream.sent) == before, "a setpoint left against the pilot"
                 for time_s, velocity in stream.velocities[checked:]:
                     assert not velocity or time_s <= renewed_s + LIMITS.lease_s, "motion without a lease"

@@ -271,7 +271,7 @@ async def test_a_streamer_made_while_the_pilot_flies_is_silent_too(rig):
 
 async def test_a_release_outside_guided_changes_nothing(stream):
     stream.copter.heartbeat(mode=LOITER)
-    stream.streamer.release()
+    assert "GUIDED" in stream.streamer.release()
     await stream.renew_for(2.0, 4 + 0j)
     assert stream.sent == []
     assert stream.streamer.state is StreamState.PILOT
@@ -282,7 +282,7 @@ async def test_a_release_in_guided_moves_nothing_until_the_next_renewal(stream):
     await settle()
     stream.copter.heartbeat(mode=LOITER)
     stream.copter.heartbeat(mode=GUIDED)
-    stream.streamer.release()
+    assert stream.streamer.release() is None
     await stream.clock.advance(5.0)
     assert [velocity for _, velocity, _ in stream.sent] == [4]
     stream.streamer.renew(1 + 0j)

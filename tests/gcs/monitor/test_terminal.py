@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import io
+import math
+from dataclasses import dataclass, field, replace
 
 import pytest
 from rich.console import Console
 
+from drivers.mavlink.link_status import LinkState, LinkStatus
 from gcs.monitor.terminal import progress_view, result_lines, result_table, show_progress
+from gcs.monitor.troubles import link_troubles, relay_troubles
 from gcs.relay.records import LegRecord, ReceiverRecord
 from gcs.relay.states import ReceiverState
 from gcs.status import RunStatus
@@ -60,6 +64,81 @@ def test_the_view_fits_80_columns(status: RunStatus) -> None:
     assert max(map(len, shown(progress_view(status), width=80).splitlines())) <= 80
 
 
+@dataclass
+class Relay:
+    """A relay that waits for the operator."""
+
+    held: str | None = "U1 was taken over: its mode was changed"
+    waiting: bool = True
+    taken: set[str] = field(default_factory=lambda: {"U1", "L0"})
+
+    def ways_out(self) -> list[str]:
+        return ["bearing-relay control release U1", "bearing-relay control abort"]
+
+
+def test_who_is_held_or_its_pilots_is_shown_with_the_reason_and_the_way_out(status: RunStatus) -> None:
+    route = status.records["U1"].route
+    status.records = {
+        "U1": ReceiverRecord(route, ReceiverState.PILOT, "its mode was changed"),
+        "U2": ReceiverRecord(replace(route, receiver="U2"), ReceiverState.HELD, "U1 was taken over"),
+        "U3": ReceiverRecord(replace(route, receiver="U3"), ReceiverState.HELD, "U1 was taken over"),
+        "U4": ReceiverRecord(replace(route, receiver="U4"), ReceiverState.WAITING),
+    }
+    assert relay_troubles(status) == ["U1 PILOT: its mode was changed", "U2, U3 HELD: U1 was taken over"]
+    status.relay = Relay()
+    assert relay_troubles(status)[0] == "L0 PILOT: no longer trusted to stand"
+    text = shown(progress_view(status))
+    assert "the relay holds: U1 was taken over: its mode was changed" in text
+    waiting = text.index("waiting for the operator:")
+    assert text.index("  bearing-relay control release U1") > waiting
+    assert text.index("  bearing-relay control abort") > waiting
+
+
+def test_a_relay_that_flies_has_no_troubles(status: RunStatus) -> None:
+    status.relay = Relay(held=None, waiting=False, taken=set())
+    assert relay_troubles(status) == []
+    assert link_troubles(status) == []
+
+
+FINE = LinkStatus(
+    address="udpin:127.0.0.1:14553",
+    state=LinkState.UP,
+    received=100,
+    sent=50,
+    lost=0,
+    refused=0,
+    dropped=0,
+    skipped_bytes=0,
+    loss_ratio=0.0,
+    silent_for_s=0.1,
+    heard_system_ids=(3,),
+    contested_system_ids=(),
+)
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        (FINE, None),
+        (replace(FINE, loss_ratio=0.004, silent_for_s=0.4), None),
+        (replace(FINE, loss_ratio=0.04, silent_for_s=0.8), "4 % lost, silent 0.8 s"),
+        (replace(FINE, state=LinkState.SILENT, silent_for_s=7.0), "silent 7.0 s"),
+        (replace(FINE, state=LinkState.DOWN, silent_for_s=2.0), "down, tried again, silent 2.0 s"),
+        (
+            replace(FINE, state=LinkState.CONNECTING, loss_ratio=None, silent_for_s=math.inf),
+            "nothing heard yet",
+        ),
+        (replace(FINE, contested_system_ids=(3,)), "two autopilots with system id 3"),
+    ],
+)
+def test_a_link_is_shown_only_when_it_is_not_fine(status: RunStatus, link: LinkStatus, words: str | None) -> None:
+    status.links = lambda: [("U3", link)]
+    lines = [] if words is None else [f"U3 udpin:127.0.0.1:14553: {words}"]
+    assert link_troubles(status) == lines
+    text = shown(progress_view(status))
+    assert ("U3 udpin" in text) is (words is not None)
+
+
 def test_between_legs_and_with_nobody_on_the_air(status: RunStatus) -> None:
     status.on_air = frozenset()
     status.records["U1"].legs[0].ended_s = 3.0
@@ -78,6 +157,19 @@ async def test_without_a_terminal_every_message_is_a_line_once(status: RunStatus
     with pytest.raises(asyncio.CancelledError):
         await screen
     assert console.file.getvalue().splitlines() == ["   12.0 s  first", "   12.0 s  second"]
+
+
+async def test_a_long_run_s_last_messages_are_printed_too(status: RunStatus) -> None:
+    console = Console(file=io.StringIO(), width=100)
+    for number in range(500):
+        status.say(f"old {number}")
+    screen = asyncio.create_task(show_progress(console, status))
+    await asyncio.sleep(0)
+    status.say("new")
+    screen.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await screen
+    assert [line.split("s  ")[1] for line in console.file.getvalue().splitlines()[-2:]] == ["old 499", "new"]
 
 
 async def test_on_a_terminal_the_view_is_live_and_leaves_nothing_behind(status: RunStatus) -> None:

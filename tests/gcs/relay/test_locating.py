@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -56,14 +57,40 @@ def test_wild_reports_do_not_count() -> None:
     assert locate(observations, STANDING, EXACT, 30 + 40j).position == pytest.approx(30 + 40j, abs=1e-6)
 
 
-def test_a_transmitter_that_stands_a_little_off_is_no_contradiction() -> None:
-    """U1 was placed to 0.3 m and stands 0.5 m off: at 10 m that is 3 degrees, at a noise of 0.04."""
-    off = STANDING | {"U1": 45 + 60.5j}
+@pytest.mark.parametrize("off_m", [0.3, 0.5])
+def test_transmitters_that_sway_are_no_contradiction(off_m: float) -> None:
+    """Half a metre at 10 m is 3 degrees, at a noise of 0.04: wind makes that. The fix is then known the less."""
     place = 45 + 50j
-    directions = {name: cmath.phase(at - place) for name, at in (STANDING | {"U1": 45.5 + 60.5j}).items()}
-    observations = [Observation(float(k), directions, dict.fromkeys(STANDING, 0.002)) for k in range(10)]
+    swayed = STANDING | {"U1": STANDING["U1"] + off_m}
+    calm, windy = (
+        locate(
+            [Observation(0.0, {n: cmath.phase(at - place) for n, at in seen.items()}, dict.fromkeys(seen, 0.002))] * 10,
+            STANDING,
+            EXACT,
+            place,
+        )
+        for seen in (STANDING, swayed)
+    )
+    assert abs(calm.position - place) < 1e-6
+    assert abs(windy.position - place) < off_m
+    assert np.trace(windy.covariance) >= np.trace(calm.covariance)
+
+
+def test_a_transmitter_that_stands_elsewhere_is_left_out_or_a_contradiction() -> None:
+    place = 45 + 50j
+    elsewhere = STANDING | {"U1": STANDING["U1"] + 20}
+    directions = {name: cmath.phase(at - place) for name, at in elsewhere.items()}
+    observations = [Observation(0.0, directions, dict.fromkeys(STANDING, 0.002))] * 10
     with pytest.raises(PositioningError):
-        locate(observations, off, EXACT, place)
+        locate(observations, STANDING, EXACT, place)
+
+
+def test_a_place_known_badly_counts_for_less() -> None:
+    """U1 was placed to 0.3 m and stands 0.5 m off: the fix holds on to the others."""
+    place = 45 + 50j
+    off = STANDING | {"U1": STANDING["U1"] - 0.5}
+    directions = {name: cmath.phase(at - place) for name, at in STANDING.items()}
+    observations = [Observation(0.0, directions, dict.fromkeys(STANDING, 0.002))] * 10
     fix = locate(observations, off, EXACT | {"U1": 0.3}, place)
     assert abs(fix.position - place) < 0.1
 
@@ -78,6 +105,14 @@ def test_the_typical_direction_lies_among_them_even_at_the_seam(about: float, of
     typical = typical_direction([cmath.phase(cmath.rect(1.0, about + offset)) for offset in offsets])
     off = cmath.phase(cmath.rect(1.0, typical - about))
     assert min(offsets) - 1e-9 <= off <= max(offsets) + 1e-9
+
+
+@pytest.mark.parametrize("jump_deg", [10.0, 45.0, 180.0])
+@pytest.mark.parametrize("wild", [0, 4])
+def test_the_typical_direction_is_not_led_astray_by_a_jump(jump_deg: float, wild: int) -> None:
+    directions = [0.001, -0.001, 0.002, 0.0, -0.002, 0.001, -0.001, 0.002]
+    directions[wild] += math.radians(jump_deg)
+    assert abs(typical_direction(directions)) < 0.002
 
 
 def test_emission_is_the_union_of_needs_and_the_ledger_adds_up() -> None:

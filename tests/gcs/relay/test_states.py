@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.errors import IllegalTransitionError
-from gcs.relay.states import IN_FLIGHT, TRANSITIONS, ReceiverState, require_transition
+from gcs.relay.states import ENDED, IN_FLIGHT, TRANSITIONS, ReceiverState, require_transition
 
 states = st.sampled_from(ReceiverState)
 
@@ -33,6 +33,11 @@ def test_every_state_is_in_the_table_and_can_be_held() -> None:
     assert TRANSITIONS.keys() == set(ReceiverState)
     for state in IN_FLIGHT:
         assert {ReceiverState.HELD, ReceiverState.PILOT, ReceiverState.FAILED} <= TRANSITIONS[state]
+
+
+def test_whoever_was_held_is_located_before_anything_else_and_a_pilot_s_is_held_before_it_flies() -> None:
+    assert TRANSITIONS[ReceiverState.HELD] & (IN_FLIGHT | ENDED) == {ReceiverState.LOCATING, ReceiverState.FAILED}
+    assert TRANSITIONS[ReceiverState.PILOT] == {ReceiverState.HELD, ReceiverState.FAILED}
 
 
 def test_failed_is_the_end() -> None:

@@ -40,6 +40,18 @@ class FakeVehicle:
     command: complex = 0j
     lease_until_s: float = 0.0
     renewals: list[float] = field(default_factory=list)
+    guided: bool = True
+
+    def take_over(self) -> None:
+        """Let a pilot have it, who lets it stand."""
+        self.state, self.guided, self.command = StreamState.PILOT, False, 0j
+
+    def release(self) -> str | None:
+        if self.state is StreamState.PILOT and not self.guided:
+            return "switch it to its guided mode"
+        if self.state is StreamState.PILOT:
+            self.state = StreamState.SILENT
+        return None
 
     def renew(self, velocity_north_east_mps: complex) -> None:
         assert self.state is not StreamState.PILOT, "a setpoint for a vehicle its pilot has"
@@ -63,7 +75,15 @@ class FakeVehicle:
 class World:
     """The paper's UAVs in virtual time. Places are in the site frame; `tamper` may change or drop a report."""
 
-    def __init__(self, sigma_deg: float = 0.1, seed: int = 1, uavs: int = 8, plan: RelayPlan | None = None) -> None:
+    def __init__(
+        self,
+        sigma_deg: float = 0.1,
+        seed: int = 1,
+        uavs: int = 8,
+        plan: RelayPlan | None = None,
+        *,
+        attended: bool = False,
+    ) -> None:
         self.playbook = load_playbook(Path(f"sitl_configs/paper_{uavs}.yaml"))
         self.plan = plan or self.playbook.plan()
         self.frame = self.playbook.site.frame
@@ -81,6 +101,7 @@ class World:
         self.silenced: set[str] = set()
         self.objections: dict[str, str] = {}
         self.history: list[tuple[float, str, ReceiverState, str]] = []
+        self.said: list[str] = []
         self.tamper: Callable[[str, bytes], bytes | None] = lambda _, payload: payload
         self.bus.subscribe(self.keys.every_emission, self._emission)
         self.feed = BearingFeed(self.playbook.receivers, self.frame, self.clock, 0.5)
@@ -97,6 +118,9 @@ class World:
             settings=RelaySettings(),
             objection=self.objections.get,
             announce=self._announce,
+            say=self.said.append,
+            problem=self.playbook.problem(),
+            attended=attended,
         )
 
     async def run(self, limit_s: float = 600.0, meanwhile: Callable[[float], None] = lambda _: None) -> None:

@@ -1,0 +1,62 @@
+"""`control`: the operator's word to a relay that is being flown."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from drivers.bus.keys import NAME_PATTERN, SwarmKeys
+from drivers.bus.messages import ControlReply, ControlRequest, MalformedMessageError, decode, encode
+from drivers.bus.session import BusEndpoint, open_bus
+from drivers.errors import BusError
+from gcs.commands.options import RunsDir
+from gcs.control import VERBS
+from gcs.errors import ServiceError
+from gcs.recording.bus_address import BusAddress, address_of, newest_run
+
+Verb = Enum("Verb", {verb: verb for verb in VERBS}, type=str)  # type: ignore[misc]
+
+
+def control(
+    verb: Annotated[
+        Verb,
+        typer.Argument(
+            help="hold: stop all; resume: go on, located anew; release VEHICLE: take it back from its pilot; "
+            "skip VEHICLE: give it up; abort: stop all and end the run"
+        ),
+    ],
+    vehicle: Annotated[str | None, typer.Argument(help="whom to release or skip", metavar="[VEHICLE]")] = None,
+    connect: Annotated[str | None, typer.Option(help="the bus router of the run, tcp/HOST:PORT")] = None,
+    swarm: Annotated[str | None, typer.Option(help="the swarm: the playbook's name")] = None,
+    run: Annotated[Path | None, typer.Option(help="the folder of the run; without it the newest run")] = None,
+    runs_dir: RunsDir = Path("runs"),
+) -> None:
+    """Have a word with a relay that is being flown. Exit status 0: done, 1: refused, 2: not reached."""
+    if connect is not None and swarm is not None:
+        address = BusAddress(connect, swarm)
+    else:
+        found = address_of(run or newest_run(runs_dir))
+        address = BusAddress(connect or found.endpoint, swarm or found.swarm)
+    if re.fullmatch(NAME_PATTERN, address.swarm) is None:
+        raise ServiceError(f"{address.swarm!r} is no name of a swarm: --swarm takes the playbook's name")
+    reply = asyncio.run(_ask(address, ControlRequest(verb.value, vehicle)))
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console.print(reply.message, style=None if reply.ok else "red")
+    if not reply.ok:
+        raise typer.Exit(1)
+
+
+async def _ask(address: BusAddress, request: ControlRequest) -> ControlReply:
+    key = SwarmKeys(address.swarm).control
+    async with open_bus(BusEndpoint(address.endpoint)) as bus:
+        payload = await bus.ask(key, encode(request))
+    try:
+        return decode(payload, ControlReply)
+    except MalformedMessageError as error:
+        raise BusError(f"{key} is answered by something else than this service: {error}") from error

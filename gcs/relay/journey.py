@@ -1,0 +1,198 @@
+"""The journey of one receiver to its slot: located, flown leg by leg, verified. All of it from bearings alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+from drivers.clock import Clock
+from gcs.bearings import Observations, collect
+from gcs.errors import HoldRequiredError
+from gcs.relay.emission import EmissionControl
+from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
+from gcs.relay.locating import locate, transmitters_to_hear
+from gcs.relay.records import ReceiverRecord
+from gcs.relay.rerouting import reroute
+from gcs.relay.settings import RelaySettings
+from gcs.relay.standing import Standing, worst_sigma_m
+from gcs.relay.states import ReceiverState, require_transition
+from gcs.stop_monitor import SLOT, TURN, StopMonitor
+from planner.errors import PlannerError
+from planner.frames import FormationFrame
+from planner.plan import Route
+from planner.positioning import Fix
+from planner.relay import RelayProblem
+from planner.replan import replan
+
+COMING_TO_REST_S: Final = 3.0
+"""A vehicle that was held, or released, is located when it hovers: a copter stops within this from its fastest."""
+
+_FIXES: Final = 3
+"""How often one is located of whom it is not known where it stands: each time by transmitters better chosen."""
+
+
+class NoWayError(HoldRequiredError):
+    """There is no route to the slot from where the receiver was located."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the journeys of a relay have in common."""
+
+    standing: Standing
+    emission: EmissionControl
+    frame: FormationFrame
+    clock: Clock
+    settings: RelaySettings
+    problem: RelayProblem
+    announce: Announce
+
+    def enter(self, record: ReceiverRecord, state: ReceiverState, reason: str = "") -> None:
+        """Change the state of a receiver as the table allows, and tell."""
+        require_transition(record.name, record.state, state)
+        record.state, record.reason = state, reason
+        self.announce(record)
+
+
+@dataclass(frozen=True)
+class Journey:
+    """One receiver's way. `objection` says why it must not move now, or None; it may raise HoldRequiredError.
+
+    `again`: it was held before. `hovering` is what hovers in the air besides the standing transmitters, for one that
+    flies alone by a route of its own; None: it flies as planned, beside others.
+    """
+
+    record: ReceiverRecord
+    around: Surroundings
+    lease: SetpointLease
+    observations: Observations
+    objection: Callable[[], str | None]
+    again: bool
+    hovering: Mapping[str, complex] | None
+
+    async def fly(self) -> None:
+        """Bring the receiver to its slot and let it stand there. HoldRequiredError when it must hold where it is."""
+        record = self.record
+        self.around.enter(record, ReceiverState.LOCATING)
+        if self.again:
+            record.legs.clear()
+            await self.around.clock.sleep(COMING_TO_REST_S)
+        fix = await self._whereabouts()
+        record.route = self._route_from(fix.position)
+        record.place, record.off_plan = fix.position, self.hovering is not None
+        await self._legs(fix)
+        await self._verify()
+
+    async def _whereabouts(self) -> Fix:
+        """Locate the receiver before it flies; again where it turns out to be far from where it was looked for."""
+        route, settings = self.record.route, self.around.settings
+        prior = route.start if self.record.place is None else self.record.place
+        if self.hovering is None:
+            return await self._located(route.transmitters, settings.locate_samples, prior)
+        for _ in range(_FIXES):
+            fix = await self._located((), settings.locate_samples, prior)
+            if abs(fix.position - prior) <= settings.start_tolerance_m:
+                break
+            prior = fix.position
+        return fix
+
+    async def _located(self, needed: Collection[str], samples: int, prior: complex) -> Fix:
+        """Locate the receiver that hovers near `prior`. HoldRequiredError when bearings do not fix its place."""
+        standing = self.around.standing
+        names = transmitters_to_hear(prior, needed, standing.places)
+        if len(names) < 2:
+            raise NoWayError(f"it takes two transmitters to be located, and there is {', '.join(names) or 'none'} left")
+        self.around.emission.need(self.record.name, names)
+        self.observations.forget()
+        heard = await collect(self.observations, samples, names, self.around.settings.give_up_s)
+        if (objection := self.objection()) is not None:
+            raise HoldRequiredError(objection)
+        if len(heard) < samples:
+            raise HoldRequiredError(
+                f"only {len(heard)} of {samples} reports with bearings of {', '.join(sorted(names))}: "
+                "check its sensor and the transmitters"
+            )
+        try:
+            return locate(heard, {name: standing.places[name] for name in sorted(names)}, standing.sigma_m, prior)
+        except PlannerError as error:
+            raise HoldRequiredError(f"it could not be located: {error}") from error
+
+    def _route_from(self, located: complex) -> Route:
+        """Return the planned route from where it was located, without legs for one that is back in its slot.
+
+        Flown alone it is another, along what stands now. HoldRequiredError when it stands where it cannot begin.
+        """
+        record, settings, places = self.record, self.around.settings, self.around.standing.places
+        if self.again and abs(located - record.route.target) <= 0.5 * settings.placement_tolerance_m:
+            return replace(record.route, start=located, legs=())
+        try:
+            if self.hovering is not None:
+                return reroute(self.around.problem, record.route, located, places, self.hovering)
+            self._require_near(located)
+            return replan(record.route, located, places, settings.min_separation_m)
+        except PlannerError as error:
+            record.place, record.off_plan = located, True
+            raise NoWayError(str(error)) from error
+
+    def _require_near(self, located: complex) -> None:
+        """Return when the receiver is about where it should be; HoldRequiredError when it is not."""
+        record, allowed_m = self.record, self.around.settings.start_tolerance_m
+        expected = record.route.start if record.place is None else record.place
+        off_m = abs(located - expected)
+        if off_m <= allowed_m:
+            return
+        if record.place is None:
+            raise HoldRequiredError(
+                f"it was located {off_m:.1f} m from its start (more than {allowed_m:g} m): "
+                "check the site frame, and which UAV stands where"
+            )
+        record.place, record.off_plan = located, True
+        raise HoldRequiredError(
+            f"it was located {off_m:.1f} m from where it was held (more than {allowed_m:g} m): check its sensor; "
+            "resumed, it flies from where it was located"
+        )
+
+    async def _legs(self, fix: Fix) -> None:
+        """Fly the legs of the route, each with a stop monitor of its own."""
+        around, record = self.around, self.record
+        place, covariance = fix.position, fix.covariance
+        for number, leg in enumerate(record.route.legs, start=1):
+            around.enter(record, ReceiverState[f"LEG_{number}"])
+            around.emission.need(record.name, {leg.guide, *leg.stop_reference})
+            rule = SLOT if number == len(record.route.legs) else TURN
+            transmitters = dict(around.standing.places)
+            monitor = StopMonitor(leg, transmitters, place, covariance, around.clock.now_s(), rule)
+            try:
+                await self._leg_flight(monitor).fly()
+            finally:
+                place, covariance = monitor.place()
+                record.place = place
+
+    def _leg_flight(self, monitor: StopMonitor) -> LegFlight:
+        return LegFlight(
+            self.record,
+            monitor,
+            self.lease,
+            self.observations,
+            objection=self.objection,
+            announce=self.around.announce,
+            frame=self.around.frame,
+            clock=self.around.clock,
+            settings=self.around.settings,
+        )
+
+    async def _verify(self) -> None:
+        """Locate the receiver in its slot and let it stand there; HoldRequiredError when it is too far from it."""
+        around, record, route = self.around, self.record, self.record.route
+        around.enter(record, ReceiverState.VERIFYING)
+        await around.clock.sleep(around.settings.settle_s)
+        fix = await self._located(route.transmitters, around.settings.verify_samples, route.target)
+        record.place = fix.position
+        off_m = abs(fix.position - route.target)
+        allowed_m = around.settings.placement_tolerance_m + 3.0 * worst_sigma_m(fix.covariance)
+        if off_m > allowed_m:
+            raise HoldRequiredError(f"bearings put it {off_m:.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)")
+        record.off_plan = False
+        around.standing.join(record.name, fix)
+        around.enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {route.slot}")

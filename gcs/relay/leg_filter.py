@@ -1,0 +1,244 @@
+"""Where a receiver is on its leg: an extended Kalman filter over measured directions, about the commanded motion.
+
+A receiver holds a place, which the commands move (`response`). About that place it sways, as gusts and its own braking
+make it, and from it it drifts, as one does that holds velocity and no position. The filter estimates by how much the
+commanded motion is off, the sway and the drift. A direction is seen from where the receiver is, the held place plus
+the sway; all directions of a receiver share what its north is off, and each transmitter stands where it is believed
+to, give or take. Every direction counts by itself: one that lies does not take the others along.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.relay.response import Agility, Response
+from planner.angles import wrap
+
+Reals = NDArray[np.float64]
+
+OUTLIER_SIGMAS: Final = 5.0
+_NEAREST_M: Final = 0.5
+_INITIAL_SPEED_SIGMA_MPS: Final = 0.3
+_DOUBT_M: Final = 0.1
+_DOUBT_MPS: Final = 0.5
+"""What a report adds to the covariance in which fewer than two directions agree: those that keep agreeing win."""
+_BY_CHANCE: Final = 1
+"""So many such reports in a row mean nothing."""
+_ADAPTED_PER_BEARING: Final = 0.02
+_ROUGHEST: Final = 50.0
+
+_HELD, _SPEED, _SWAY, _DRIFT = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
+_NORTH: Final = 8
+_OWN: Final = 9
+_SEEN: Final = np.hstack([np.eye(2), np.zeros((2, 2)), np.eye(2)])
+"""Where the receiver is, from (held, speed, sway)."""
+
+
+@dataclass(frozen=True)
+class Unrest:
+    """How vehicles move besides their response to commands: in calm air; rougher air is noticed."""
+
+    speed_s: float = 0.5
+    speed_noise: float = 0.3
+    """For how long and how far the speed strays, per m/s that it is from the command, m/s per square root of a second:
+    the farther, the less the response is known..."""
+    sway_s: float = 2.0
+    sway_m: float = 0.1
+    sway_noise: float = 0.1
+    """...how long and how far one sways, and how far besides, per m/s2, m per square root of a second..."""
+    drift_s: float = 20.0
+    drift_mps: float = 0.03
+    """...and how long and how fast one drifts."""
+
+
+@dataclass(frozen=True)
+class Whereabouts:
+    """A receiver on its leg: complex numbers, along the leg from its end and to the left of it, m, m/s."""
+
+    time_s: float
+    seen: complex
+    """Where it is..."""
+    at_rest: complex
+    """...and would come to rest, told to stop now."""
+    velocity: complex
+    drift: complex
+    sigma_m: float
+    """Standard deviation of `at_rest` along the leg."""
+    sway_m: float
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """One measured direction against the expected one: the surplus, rad, its gradient by the state, its variances."""
+
+    surplus_rad: float
+    gradient: Reals
+    crossed: Reals
+    variance: float
+    noise: float
+
+    @property
+    def sigmas(self) -> float:
+        return abs(self.surplus_rad) / math.sqrt(self.variance)
+
+
+class LegFilter:
+    """Follows one receiver along `course`, a unit vector, to `end`; points in the formation frame, m.
+
+    `covariance`, m^2, shape (2, 2), is of the located `start`; `place_sigma_m` of the transmitters' places, per axis,
+    nothing said: exact. `north_sigma_rad` is by how much the receiver's north may be off.
+    """
+
+    def __init__(
+        self,
+        end: complex,
+        course: complex,
+        transmitters: Mapping[str, complex],
+        place_sigma_m: Mapping[str, float],
+        start: complex,
+        covariance: Reals,
+        time_s: float,
+        agility: Agility,
+        unrest: Unrest,
+        north_sigma_rad: float,
+    ) -> None:
+        self._end, self._course, self._unrest = end, course, unrest
+        self._transmitters = dict(transmitters)
+        unsure = {name: sigma_m for name, sigma_m in place_sigma_m.items() if name in transmitters and sigma_m > 0.0}
+        self._index = {name: _OWN + 2 * number for number, name in enumerate(unsure)}
+        self._response = Response(agility, time_s, (start - end) / course)
+        self._time_s = time_s
+        self._roughness = 1.0
+        """By how much the variance of every sway exceeds that of calm air."""
+        self._disagreed = 0
+        self._state = np.zeros(_OWN + 2 * len(unsure))
+        sigmas = [0.0, _INITIAL_SPEED_SIGMA_MPS, unrest.sway_m, unrest.drift_mps]
+        variances = [sigma**2 for sigma in (*np.repeat(sigmas, 2), north_sigma_rad, *np.repeat([*unsure.values()], 2))]
+        self._covariance: Reals = np.diag(variances)
+        self._axes = np.array([[course.real, -course.imag], [course.imag, course.real]])
+        self._covariance[_HELD, _HELD] = self._axes.T @ covariance @ self._axes
+
+    def commanded(self, time_s: float, velocity: complex) -> None:
+        """Note the velocity commanded from `time_s` on, m/s, along the course and to its left."""
+        self._response.commanded(time_s, velocity)
+
+    def observe(
+        self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]
+    ) -> frozenset[str]:
+        """Take in the directions of one instant, polar, and return the transmitters whose directions agree.
+
+        All of them must be known. Where they keep disagreeing the filter becomes less sure of itself.
+        """
+        if captured_s > self._time_s:
+            self._carry_on(captured_s)
+        plausible = [name for name in directions_rad if self._agrees(name, directions_rad, sigma_rad)]
+        agreeing = frozenset(name for name in plausible if self._take(name, directions_rad, sigma_rad))
+        enough = len(agreeing) > 1 or len(agreeing) == len(directions_rad)
+        self._disagreed = 0 if enough else self._disagreed + 1
+        if self._disagreed > _BY_CHANCE:
+            self._covariance[_HELD, _HELD] += np.eye(2) * _DOUBT_M**2
+            self._covariance[_SPEED, _SPEED] += np.eye(2) * _DOUBT_MPS**2
+        return agreeing
+
+    @property
+    def speed_mps(self) -> float:
+        """How fast the receiver should have moved at the last report, by what was commanded."""
+        return abs(self._response.velocity)
+
+    def whereabouts(self, now_s: float) -> Whereabouts:
+        """Return where the receiver is by `now_s`: from the last report on as commanded."""
+        now_s = max(now_s, self._time_s)
+        response, step_s = self._response.later(now_s), now_s - self._time_s
+        carried = _transition(self._unrest, step_s)
+        state = carried @ self._state[:_NORTH]
+        held, speed, sway, drift = (complex(*state[part]) for part in (_HELD, _SPEED, _SWAY, _DRIFT))
+        return Whereabouts(
+            time_s=now_s,
+            seen=response.place + response.overshoot + held + sway,
+            at_rest=self._response.at_rest(now_s) + held + self._unrest.speed_s * speed,
+            velocity=response.velocity + speed + drift,
+            drift=drift,
+            sigma_m=math.sqrt(max(float(carried[0] @ self._covariance[:_NORTH, :_NORTH] @ carried[0]), 0.0)),
+            sway_m=self._unrest.sway_m * math.sqrt(self._roughness),
+        )
+
+    def place(self) -> tuple[complex, Reals]:
+        """Return where the receiver was at the last report, formation frame, m, and its covariance, m^2."""
+        covariance = _SEEN @ self._covariance[:6, :6] @ _SEEN.T
+        return self._end + self._course * self._seen(), self._axes @ covariance @ self._axes.T
+
+    def _seen(self) -> complex:
+        return self._response.place + self._response.overshoot + complex(*(self._state[_HELD] + self._state[_SWAY]))
+
+    def _agrees(self, name: str, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]) -> bool:
+        return self._sight(name, directions_rad[name], sigma_rad[name]).sigmas <= OUTLIER_SIGMAS
+
+    def _take(self, name: str, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]) -> bool:
+        """Correct the state by one direction; False when it does not agree with those taken before."""
+        sight = self._sight(name, directions_rad[name], sigma_rad[name])
+        if sight.sigmas > OUTLIER_SIGMAS:
+            return False
+        gain = sight.crossed / sight.variance
+        self._state = self._state + gain * sight.surplus_rad
+        kept = np.eye(self._state.size) - np.outer(gain, sight.gradient)
+        self._covariance = kept @ self._covariance @ kept.T + np.outer(gain, gain) * sight.noise
+        adapted = self._roughness * (1.0 + _ADAPTED_PER_BEARING * (sight.sigmas**2 - 1.0))
+        self._roughness = max(1.0, min(adapted, _ROUGHEST))
+        return True
+
+    def _sight(self, name: str, direction_rad: float, sigma_rad: float) -> _Sight:
+        index = self._index.get(name)
+        stands = self._transmitters[name] + (0j if index is None else complex(*self._state[index : index + 2]))
+        towards = stands - self._end - self._course * self._seen()
+        towards = towards if abs(towards) > _NEAREST_M else complex(_NEAREST_M)
+        by_own, by_its = -self._course / towards, 1.0 / towards
+        gradient = np.zeros(self._state.size)
+        gradient[_HELD] = gradient[_SWAY] = by_own.imag, by_own.real
+        gradient[_NORTH] = 1.0
+        if index is not None:
+            gradient[index : index + 2] = by_its.imag, by_its.real
+        surplus_rad = wrap(direction_rad - cmath.phase(towards) - float(self._state[_NORTH]))
+        crossed = self._covariance @ gradient
+        noise = sigma_rad**2 + self._roughness * (self._unrest.sway_m / abs(towards)) ** 2
+        return _Sight(surplus_rad, gradient, crossed, float(gradient @ crossed) + noise, noise)
+
+    def _carry_on(self, to_s: float) -> None:
+        unrest, step_s, before = self._unrest, to_s - self._time_s, self._response.velocity
+        unanswered_mps = self._response.unanswered_mps
+        self._response.advance(to_s)
+        unanswered_mps = max(unanswered_mps, self._response.unanswered_mps)
+        acceleration_mps2 = abs(self._response.velocity - before) / step_s
+        transition = np.eye(self._state.size)
+        transition[:_NORTH, :_NORTH] = _transition(unrest, step_s)
+        self._state = transition @ self._state
+        sway = self._roughness * unrest.sway_m**2 * -math.expm1(-2.0 * step_s / unrest.sway_s)
+        added = [
+            0.0,
+            (unrest.speed_noise * unanswered_mps) ** 2 * step_s,
+            sway + (unrest.sway_noise * acceleration_mps2) ** 2 * step_s,
+            unrest.drift_mps**2 * -math.expm1(-2.0 * step_s / unrest.drift_s),
+        ]
+        self._covariance = transition @ self._covariance @ transition.T
+        self._covariance[np.arange(_NORTH), np.arange(_NORTH)] += np.repeat(added, 2)
+        self._time_s = to_s
+
+
+def _transition(unrest: Unrest, step_s: float) -> Reals:
+    """Return how (held, speed, sway, drift) carry on by themselves, shape (8, 8)."""
+    kept = math.exp(-step_s / unrest.speed_s)
+    carried = np.eye(_NORTH)
+    for axis in (0, 1):
+        held, speed, sway, drift = range(axis, _NORTH, 2)
+        carried[held, speed] = unrest.speed_s * (1.0 - kept)
+        carried[held, drift] = step_s
+        carried[speed, speed] = kept
+        carried[sway, sway] = math.exp(-step_s / unrest.sway_s)
+        carried[drift, drift] = math.exp(-step_s / unrest.drift_s)
+    return carried
