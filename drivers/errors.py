@@ -32,3 +32,7 @@ class BusError(DriverError):
 
 class SimulationError(DriverError):
     """A simulated vehicle, sensor or bus process could not be started."""
+
+
+class SensorError(DriverError):
+    """An AOA sensor cannot be read from, or not as its settings say."""

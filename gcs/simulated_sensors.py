@@ -30,5 +30,7 @@ async def start_sensors(
         speedup=sim_time.speedup,
         epoch_ns=sim_time.epoch_ns,
         parent_pid=this_pid(),
+        reference=sensor.reference,
+        faults={name: sensor.faults.of(name) for name in playbook.receivers},
     )
     await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))

@@ -1,30 +1,33 @@
-"""What an AOA sensor is to the rest of the system: something that yields bearing reports."""
+"""What an AOA sensor is to the rest of the system: something that runs, and hands over bearing reports."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from drivers.aoa.model import SensorModel
 from drivers.bus.messages import BearingReport
 
+__all__ = ["Publish", "Say", "Sensor", "SensorModel"]
 
-@dataclass(frozen=True)
-class SensorModel:
-    """How good a simulated sensor is: noise per bearing, rate, delay and the share of reports that get lost."""
+Publish = Callable[[BearingReport], None]
+"""Takes one report; it returns at once."""
 
-    sigma_rad: float
-    rate_hz: float = 10.0
-    latency_s: float = 0.1
-    drop_out: float = 0.0
+Say = Callable[[str], None]
+"""Takes one sentence for whoever looks after the sensor."""
 
 
 class Sensor(Protocol):
-    """Measures bearings on one receiving UAV."""
+    """Measures bearings on one receiving UAV.
 
-    def measure(self, captured_ns: int, own: complex, transmitters: Mapping[str, complex]) -> BearingReport | None:
-        """Return the report of one instant, or None when nothing was heard.
+    Capture times are by the clock of the computer it runs on, which is the clock its host answers for.
+    """
 
-        Places are site positions, north + i east, m.
-        """
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What became of what it read, by name: for the operator."""
+        ...
+
+    async def run(self, publish: Publish, say: Say) -> None:
+        """Measure until cancelled, or until there is nothing more. What it reads from may come and go."""
         ...

@@ -7,19 +7,20 @@ Started with its settings as JSON on standard input: `python -m drivers.aoa.simu
 from __future__ import annotations
 
 import asyncio
-import math
+import heapq
 import random
 import sys
-from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import count
+from typing import Literal
 
 import msgspec
 
-from drivers.aoa.sensor import SensorModel
+from drivers.aoa.clock_answers import answer_clock_pings
+from drivers.aoa.model import SensorFaults, SensorModel, SimulatedSensor
 from drivers.bus.keys import SwarmKeys, uav_of
 from drivers.bus.messages import (
-    Bearing,
     BearingReport,
     Emission,
     MalformedMessageError,
@@ -33,10 +34,6 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BusError
 from drivers.process import until_told_to_stop
 from drivers.tasks import background
-from planner.angles import direction
-
-LEAST_SIGMA_RAD = math.radians(0.01)
-"""No report claims to be better than this, not even one without noise."""
 
 POSITION_FRESH_NS = 1_000_000_000
 """A UAV whose position is older is not simulated on: it might be anywhere."""
@@ -58,32 +55,15 @@ class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     speedup: float
     epoch_ns: int
     parent_pid: int
+    reference: Literal["true_north", "body"] = "true_north"
+    faults: dict[str, SensorFaults] = {}
+    """By receiver; those not named have none."""
 
-
-@dataclass
-class SimulatedSensor:
-    """One sensor: true bearings with white noise, seeded."""
-
-    model: SensorModel
-    noise: random.Random
-    _sequence: int = 0
-
-    def measure(self, captured_ns: int, own: complex, transmitters: Mapping[str, complex]) -> BearingReport | None:
-        """Return the report of one instant, or None when it is lost or nothing transmits."""
-        self._sequence += 1
-        if not transmitters or self.noise.random() < self.model.drop_out:
-            return None
-        bearings = [
-            Bearing(
-                transmitter=name,
-                azimuth_rad=(direction(place - own) + self.noise.gauss(0.0, self.model.sigma_rad)) % math.tau,
-                sigma_rad=max(self.model.sigma_rad, LEAST_SIGMA_RAD),
-            )
-            for name, place in transmitters.items()
-        ]
-        return BearingReport(
-            captured_ns=captured_ns, sequence=self._sequence, reference="true_north", bearings=bearings
-        )
+    def sensor(self, receiver: str) -> SimulatedSensor:
+        """Return the sensor of one receiver."""
+        faults = self.faults.get(receiver, SensorFaults())
+        model = SensorModel(self.sigma_rad, self.rate_hz, self.latency_s, self.drop_out, self.reference, faults)
+        return SimulatedSensor(model, random.Random(f"{self.seed}/{receiver}"))  # noqa: S311 - noise, not secrets
 
 
 @dataclass
@@ -108,6 +88,11 @@ class SensorField:
                 velocity = complex(report.north_mps, report.east_mps)
                 places[name] = complex(report.north_m, report.east_m) + velocity * age_ns * 1e-9
         return places
+
+    def heading_rad(self, name: str) -> float:
+        """Return where a UAV's nose points; north until it has said."""
+        report = self.positions.get(name)
+        return 0.0 if report is None or report.heading_rad is None else report.heading_rad
 
     def take_position(self, key: str, payload: bytes) -> None:
         """Note a PositionReport."""
@@ -135,28 +120,39 @@ async def run_sensors(settings: SensorSettings, bus: Bus, clock: Clock) -> None:
     for key, payload in (await bus.fetch(keys.every_emission)).items():
         if uav_of(key) not in world.on_air:  # what has come by subscription is newer
             tolerant(world.take_emission)(key, payload)
-    model = SensorModel(settings.sigma_rad, settings.rate_hz, settings.latency_s, settings.drop_out)
-    sensors = {
-        name: SimulatedSensor(model, random.Random(f"{settings.seed}/{name}"))  # noqa: S311 - noise, not secrets
-        for name in settings.receivers
-    }
-    delayed: deque[tuple[float, str, BearingReport]] = deque()
+    sensors = {name: settings.sensor(name) for name in settings.receivers}
+    answer_clock_pings(bus, keys, {name: _clock_of(sensor, clock) for name, sensor in sensors.items()})
+    delayed: list[tuple[float, int, str, BearingReport]] = []
+    numbers = count()
     period_s, due_s = 1.0 / settings.rate_hz, clock.now_s()
     while True:
         if clock.now_s() >= due_s:
             due_s = max(due_s + period_s, clock.now_s() - period_s)
-            places = world.places(clock.unix_ns())
-            for name, sensor in sensors.items():
-                if name not in places or world.silenced.get(name, False):
-                    continue
-                report = sensor.measure(clock.unix_ns(), places[name], world.heard(name, places))
-                if report is not None:
-                    delayed.append((clock.now_s() + settings.latency_s, name, report))
+            for name, report in _measured(world, sensors, clock):
+                arrives_s = clock.now_s() + sensors[name].delay_s()
+                heapq.heappush(delayed, (arrives_s, next(numbers), name, report))
         while delayed and delayed[0][0] <= clock.now_s():
-            _, name, report = delayed.popleft()
+            *_, name, report = heapq.heappop(delayed)
             bus.put_latest(keys.bearings(name), encode(report), urgent=True)
         next_s = min(due_s, delayed[0][0]) if delayed else due_s
         await clock.sleep(next_s - clock.now_s())
+
+
+def _measured(
+    world: SensorField, sensors: Mapping[str, SimulatedSensor], clock: Clock
+) -> Iterator[tuple[str, BearingReport]]:
+    """Yield what every receiver measures now, where it is known to be and is not silenced."""
+    places = world.places(clock.unix_ns())
+    for name, sensor in sensors.items():
+        if name not in places or world.silenced.get(name, False):
+            continue
+        report = sensor.measure(clock.unix_ns(), places[name], world.heard(name, places), world.heading_rad(name))
+        if report is not None:
+            yield name, report
+
+
+def _clock_of(sensor: SimulatedSensor, clock: Clock) -> Callable[[], int]:
+    return lambda: sensor.clock_ns(clock.unix_ns())
 
 
 def tolerant(take: Handler) -> Handler:

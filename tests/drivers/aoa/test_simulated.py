@@ -6,17 +6,24 @@ import contextlib
 import itertools
 import math
 import os
-import random
-import statistics
 import sys
 
 import msgspec
 import pytest
 
-from drivers.aoa.sensor import SensorModel
-from drivers.aoa.simulated import LEAST_SIGMA_RAD, SensorSettings, SimulatedSensor, run_sensors
+from drivers.aoa.model import ClockFault, SensorFaults
+from drivers.aoa.simulated import SensorSettings, run_sensors
 from drivers.bus.keys import SwarmKeys
-from drivers.bus.messages import BearingReport, Emission, PositionReport, SensorFault, decode, encode
+from drivers.bus.messages import (
+    BearingReport,
+    ClockPing,
+    ClockPong,
+    Emission,
+    PositionReport,
+    SensorFault,
+    decode,
+    encode,
+)
 from drivers.bus.session import BusEndpoint, open_bus
 from drivers.clock import SystemClock
 from drivers.simulation.launcher import free_tcp_port
@@ -41,75 +48,8 @@ NO_NOISE = SensorSettings(
 )
 
 
-def sensor(*, sigma_rad=SIGMA_RAD, drop_out=0.0, seed="1/U1"):
-    return SimulatedSensor(SensorModel(sigma_rad, drop_out=drop_out), random.Random(seed))
-
-
 def azimuth_error_rad(azimuth_rad, true_rad):
     return math.remainder(azimuth_rad - true_rad, math.tau)
-
-
-def errors_of(reports, true_rad):
-    return [azimuth_error_rad(report.bearings[0].azimuth_rad, true_rad) for report in reports]
-
-
-@pytest.mark.parametrize("true_deg", [0.0, 90.0, 180.0, 270.0, 37.0])
-def test_the_noise_has_the_sigma_it_claims_and_no_bias_also_where_the_circle_closes(true_deg):
-    measuring, count = sensor(), 4000
-    place = cmath.rect(80.0, math.radians(true_deg))
-    reports = [measuring.measure(number, 3 + 4j, {"L0": 3 + 4j + place}) for number in range(count)]
-    errors = errors_of(reports, math.radians(true_deg))
-    assert abs(statistics.fmean(errors)) < 4 * SIGMA_RAD / math.sqrt(count)
-    assert statistics.pstdev(errors) == pytest.approx(SIGMA_RAD, rel=4 / math.sqrt(2 * count))
-    share_within_sigma = sum(abs(error) < SIGMA_RAD for error in errors) / count
-    assert share_within_sigma == pytest.approx(0.6827, abs=0.03)
-    assert {report.bearings[0].sigma_rad for report in reports} == {SIGMA_RAD}
-    assert all(0.0 <= report.bearings[0].azimuth_rad <= math.tau for report in reports)
-
-
-def test_the_noise_of_successive_reports_and_of_two_transmitters_is_independent():
-    measuring, count = sensor(), 4000
-    reports = [measuring.measure(number, 0j, {"L0": 10 + 0j, "L1": 10j}) for number in range(count)]
-    first = errors_of(reports, 0.0)
-    second = [azimuth_error_rad(report.bearings[1].azimuth_rad, math.pi / 2) for report in reports]
-    assert abs(statistics.correlation(first[:-1], first[1:])) < 4 / math.sqrt(count)
-    assert abs(statistics.correlation(first, second)) < 4 / math.sqrt(count)
-
-
-def test_the_same_seed_measures_the_same_and_another_does_not():
-    def measured(seed):
-        measuring = sensor(seed=seed, drop_out=0.3)
-        return [measuring.measure(number, 1j, {"L0": 10 + 0j}) for number in range(50)]
-
-    assert measured("1/U1") == measured("1/U1")
-    assert measured("1/U1") != measured("1/U2")
-    assert measured("1/U1") != measured("2/U1")
-
-
-def test_a_sensor_without_noise_is_exact_and_still_claims_no_perfection():
-    report = sensor(sigma_rad=0.0).measure(77, 10 + 10j, {"L0": 0j})
-    (bearing,) = report.bearings
-    assert bearing.azimuth_rad == pytest.approx(math.radians(225))
-    assert bearing.sigma_rad == LEAST_SIGMA_RAD
-    assert (report.captured_ns, report.reference) == (77, "true_north")
-
-
-def test_the_share_of_reports_that_drop_out_is_the_one_asked_for_and_leaves_gaps_in_the_sequence():
-    measuring, count = sensor(drop_out=0.3), 5000
-    reports = [measuring.measure(number, 0j, {"L0": 1 + 0j}) for number in range(count)]
-    kept = [report for report in reports if report is not None]
-    assert len(kept) / count == pytest.approx(0.7, abs=4 * math.sqrt(0.3 * 0.7 / count))
-    assert [report.sequence for report in kept] == [report.captured_ns + 1 for report in kept]
-
-
-def test_everything_drops_out_at_one_and_nothing_at_zero():
-    assert all(sensor(drop_out=1.0).measure(0, 0j, {"L0": 1j}) is None for _ in range(50))
-    lossless = sensor(drop_out=0.0)
-    assert all(lossless.measure(0, 0j, {"L0": 1j}) is not None for _ in range(50))
-
-
-def test_where_nothing_transmits_there_is_no_report():
-    assert sensor().measure(0, 0j, {}) is None
 
 
 class World:
@@ -120,6 +60,7 @@ class World:
         self.settings = settings
         self.places = {"U1": 50 + 50j}
         self.velocities = {}
+        self.headings_rad = {}
 
     @contextlib.asynccontextmanager
     async def running(self):
@@ -138,7 +79,8 @@ class World:
 
     def put_position(self, name, place, velocity=0j, age_s=0.0):
         time_ns = self.clock.unix_ns() - round(age_s * 1e9)
-        report = PositionReport(time_ns, place.real, place.imag, -10.0, velocity.real, velocity.imag)
+        heading_rad = self.headings_rad.get(name)
+        report = PositionReport(time_ns, place.real, place.imag, -10.0, velocity.real, velocity.imag, heading_rad)
         self.bus.put_latest(KEYS.position(name), encode(report))
 
     async def let_pass(self, duration_s):
@@ -356,6 +298,69 @@ async def test_two_receivers_in_one_place_do_not_share_their_noise(make_world):
         await world.let_pass(1.0)
     first, second = ([report.bearings[0].azimuth_rad for report in world.reports(name)] for name in ("U1", "U2"))
     assert set(first).isdisjoint(second)
+
+
+async def test_each_receiver_has_its_own_faults(make_world):
+    world = make_world(with_settings(faults={"U2": SensorFaults(bias_rad=0.25)}))
+    world.places["U2"] = world.places["U1"]
+    world.emit("L0")
+    async with world.running():
+        await world.let_pass(0.5)
+    biased, plain = (world.reports(name)[-1].bearings[0].azimuth_rad for name in ("U2", "U1"))
+    assert biased - plain == pytest.approx(0.25)
+
+
+async def test_body_referenced_bearings_follow_the_nose(make_world):
+    world = make_world(with_settings(reference="body"))
+    world.emit("L0")
+    async with world.running():
+        await world.let_pass(0.5)
+        assert math.degrees(world.reports()[-1].bearings[0].azimuth_rad) == pytest.approx(225)  # no heading: north
+        world.headings_rad["U1"] = math.radians(30)
+        await world.let_pass(0.5)
+    last = world.reports()[-1]
+    assert last.reference == "body"
+    assert math.degrees(last.bearings[0].azimuth_rad) == pytest.approx(195)
+
+
+async def test_reports_overtake_each_other_when_the_latency_jitters(make_world):
+    world = make_world(with_settings(rate_hz=20.0, faults={"U1": SensorFaults(latency_jitter_s=0.3)}))
+    came_s = []
+    world.bus.subscribe(KEYS.every_bearings, lambda key, payload: came_s.append(world.clock.now_s()))
+    world.emit("L0")
+    started_s, started_ns = world.clock.now_s(), world.clock.unix_ns()
+    async with world.running():
+        await world.let_pass(5.0)
+    delays = [
+        at_s - started_s - (report.captured_ns - started_ns) * 1e-9
+        for at_s, report in zip(came_s, world.reports(), strict=True)
+    ]
+    assert 0.1 - 1e-6 <= min(delays) < 0.15
+    assert 0.35 < max(delays) <= 0.4 + 1e-6
+    sequence = [report.sequence for report in world.reports()]
+    assert sequence != sorted(sequence)
+    assert len(sequence) == len(set(sequence)) > 80
+
+
+@pytest.mark.parametrize("receivers", [["U1"], ["U1", "U2"]])
+async def test_a_sensor_answers_for_the_clock_that_stamps_its_reports(make_world, receivers):
+    clock = ClockFault(offset_s=3600.0, drift_ppm=100.0)
+    world = make_world(with_settings(receivers=receivers, faults={"U1": SensorFaults(clock=clock)}))
+    world.emit("L0")
+    async with world.running():
+        await world.let_pass(10.0)
+        world.bus.put_latest(KEYS.clock_ping("U1"), encode(ClockPing(asked_ns=17)))
+        (payload,) = world.bus.payloads(KEYS.clock_pong("U1"))
+        pong = decode(payload, ClockPong)
+        assert (pong.asked_ns, pong.received_ns) == (17, pong.answered_ns)
+        ahead_s = (pong.received_ns - world.clock.unix_ns()) * 1e-9
+        assert ahead_s == pytest.approx(3600.0 + 10.0 * 1e-4, abs=1e-4)
+        captured_s = (world.reports()[-1].captured_ns - pong.received_ns) * 1e-9
+        assert -0.3 < captured_s < 0.0
+        for key, payload in ((KEYS.clock_ping("U1"), b"{}"), (KEYS.clock_ping("U9"), encode(ClockPing(1)))):
+            world.bus.put_latest(key, payload)
+        assert len(world.bus.payloads(KEYS.clock_pong("U1"))) == 1
+        assert world.bus.payloads(KEYS.clock_pong("U9")) == []
 
 
 async def test_a_bus_that_is_gone_does_not_end_the_sensors(world):
