@@ -35,6 +35,7 @@ _QUIET_S: Final = 10.0
 """One change of links in this time is a warning, more are for who debugs."""
 _TEXTS_KEPT: Final = 16
 
+_ASKING: Final = frozenset({mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE})
 _EVENTS: Final = frozenset(
     {mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_PARAM_VALUE, mavlink.MAVLINK_MSG_ID_STATUSTEXT}
 )
@@ -84,10 +85,12 @@ class RedundantLink:
             path.link.listen(Subscription(self._own(subscription.system_id), subscription.message_ids, handler))
 
     def post(self, message: Message) -> None:
-        """Queue an ordinary message on the link in use; messages' rates are asked for on all, for each has its own."""
+        """Queue an ordinary message on the link in use, and on all what asks for messages: each link has its own."""
         self._choose(self._clock.now_s())
-        if _command_of(message) == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            self._rates[message.param1] = message
+        command = _command_of(message)
+        if command in _ASKING:
+            if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self._rates[message.param1] = message
             self._expect_answer(message, None)
             for path in self._paths:
                 path.link.post(message)

@@ -18,12 +18,14 @@ from drivers.simulation.vehicle import Vehicle
 
 HIGHEST_M = 1e5
 FORCE = 21196  # the magic number that disarms in the air
+FORCE_REBOOT = 20190226  # the one that reboots an armed vehicle
 
 
 class Result(IntEnum):
     """The MAV_RESULTs given here."""
 
     ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
     DENIED = 2
     UNSUPPORTED = 3
     FAILED = 4
@@ -162,6 +164,24 @@ def _get_home(vehicle: Vehicle, port: Port, _command: Command) -> Result:
     return Result.ACCEPTED
 
 
+def _run_prearm_checks(vehicle: Vehicle, port: Port, _command: Command) -> Result:
+    if vehicle.flight.armed:
+        return Result.TEMPORARILY_REJECTED
+    complaint = vehicle.flight.complaint()
+    if complaint:
+        port.say(CRITICAL, f"PreArm: {complaint}")
+    return Result.ACCEPTED
+
+
+def _reboot(vehicle: Vehicle, _port: Port, command: Command) -> Result:
+    if command.whole(1) != 1:
+        return Result.UNSUPPORTED
+    if vehicle.flight.armed and command.whole(6) != FORCE_REBOOT:
+        return Result.FAILED
+    vehicle.reboots = True
+    return Result.ACCEPTED
+
+
 Handler = Callable[[Vehicle, Port, Command], Result]
 
 COMMANDS: dict[int, Handler] = {
@@ -178,4 +198,6 @@ COMMANDS: dict[int, Handler] = {
     mavlink.MAV_CMD_REQUEST_MESSAGE: _request_message,
     mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_version,
     mavlink.MAV_CMD_GET_HOME_POSITION: _get_home,
+    mavlink.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,
+    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
 }

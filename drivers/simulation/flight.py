@@ -104,6 +104,11 @@ class Flight:
         while (self._steps + 1) * STEP_S <= to_time_s + 1e-9:
             self._step()
 
+    def place(self, north_m: float, east_m: float) -> None:
+        """Stand somewhere else on the ground from the start."""
+        self.dynamics.north.position_m, self.dynamics.east.position_m = north_m, east_m
+        self.home_m = (north_m, east_m)
+
     def enter(self, mode: Mode) -> None:
         """Change the flight mode; entering the present mode again changes nothing."""
         if mode is self.mode:
@@ -120,13 +125,17 @@ class Flight:
             return None
         if self.mode not in ARMABLE:
             return f"{self.mode.name} mode not armable"
-        if not self.ready:
-            return "Need Position Estimate"
+        if complaint := self.complaint():
+            return complaint
         self.armed = True
         self.home_m = (self.dynamics.north.position_m, self.dynamics.east.position_m)
         self._idle_since_s = self.time_s
         self._say(INFO, "Arming motors")
         return None
+
+    def complaint(self) -> str | None:
+        """Return what keeps it from arming in any mode."""
+        return None if self.ready else "Need Position Estimate"
 
     def disarm(self, *, forced: bool = False) -> bool:
         """Stop the motors and return True; in the air only if forced, and then the copter falls."""

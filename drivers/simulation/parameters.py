@@ -53,13 +53,18 @@ EFFECTIVE = (
 INERT = (
     Parameter("ARMING_CHECK", 1, INT32),
     Parameter("AVOID_ENABLE", 3, INT8),
+    Parameter("FENCE_ALT_MAX", 100, REAL32),
     Parameter("FENCE_ENABLE", 0, INT8),
+    Parameter("FENCE_MARGIN", 2, REAL32),
+    Parameter("FENCE_RADIUS", 300, REAL32),
+    Parameter("FENCE_TYPE", 7, INT8),
     Parameter("FRAME_CLASS", 1, INT8),
     Parameter("FRAME_TYPE", 0, INT8),
     Parameter("FS_THR_ENABLE", 0, INT8),
     Parameter("GUID_OPTIONS", 0, INT32),
     Parameter("LOG_BACKEND_TYPE", 0, INT8),
     Parameter("SCHED_LOOP_RATE", 400, INT16),
+    Parameter("SYSID_ENFORCE", 0, INT8),
     Parameter("TERRAIN_ENABLE", 0, INT8),
 )
 """Kept and reported, without effect: there are no sticks, fence, terrain, logs or further checks here."""

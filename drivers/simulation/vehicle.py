@@ -18,6 +18,8 @@ class Vehicle:
         self.flight = flight
         self.failsafe = failsafe
         self.frame = LocalFrame(origin)
+        self.reboots = False
+        """Whether a station has asked it to."""
         self.uid = crc32(name.encode()) << 32 | crc32(f"{name}/{origin}".encode())
         self._boot_unix_ns = boot_unix_ns
 

@@ -9,7 +9,13 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from drivers.mavlink.autopilots.base import MULTICOPTERS, StreamNeeds
+from drivers.mavlink.autopilots.ardupilot_parameters import (
+    PARAMETER_CHECKS,
+    RETURN_PARAMETERS,
+    failsafe_return_altitude_m,
+)
+from drivers.mavlink.autopilots.base import MULTICOPTERS, ParameterKnowledge, StreamNeeds
+from drivers.mavlink.parameters import cast_value
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
 
 MODE_GUIDED: Final = 4
@@ -32,22 +38,26 @@ _ESTIMATOR_POSITION_ABSOLUTE: Final = mavlink.EKF_POS_HORIZ_ABS
 _RATES_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5.0,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
 }
 
 
 class ArduCopter:
     """ArduPilot on a multicopter."""
 
+    name = "ArduPilot"
     vehicle_types = MULTICOPTERS
     stream = StreamNeeds()
+    parameters = ParameterKnowledge(cast_value, PARAMETER_CHECKS, RETURN_PARAMETERS, failsafe_return_altitude_m)
+    complaint = "PreArm: "
 
     def is_guided(self, heartbeat: Heartbeat) -> bool:
         """Return whether the mode is GUIDED."""
         return heartbeat.custom_mode == MODE_GUIDED
 
     async def prepare(self, vehicle: Vehicle) -> None:
-        """Request position and estimator status, and wait for an absolute position estimate."""
-        await vehicle.request_rates(_RATES_HZ)
+        """Request position, estimator status and health, and wait for an absolute position estimate."""
+        vehicle.rates.ask(_RATES_HZ)
         await vehicle.wait_until(
             lambda: (
                 bool(vehicle.telemetry.estimator_flags & _ESTIMATOR_POSITION_ABSOLUTE)
@@ -61,13 +71,15 @@ class ArduCopter:
     async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
         """Enter GUIDED, arm, NAV_TAKEOFF; return at the altitude. No setpoint may run before: it cancels the climb."""
         await self._enter(vehicle, MODE_GUIDED, "GUIDED")
+        if vehicle.armed and _height_m(vehicle) >= _REACHED * altitude_m:
+            return
         await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
         await vehicle.wait_until(
             lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
         )
         await vehicle.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, altitude_m, what="take-off")
         await vehicle.wait_until(
-            lambda: (vehicle.telemetry.relative_altitude_m or 0.0) >= _REACHED * altitude_m,
+            lambda: _height_m(vehicle) >= _REACHED * altitude_m,
             CLIMB_TIMEOUT_S + CLIMB_S_PER_M * altitude_m,
             f"climb to {altitude_m:g} m",
             "Watch the vehicle: it may be on its way up.",
@@ -93,6 +105,10 @@ class ArduCopter:
         await vehicle.wait_until(
             lambda: vehicle.custom_mode == mode, MODE_TIMEOUT_S, f"heartbeat in {name}", "Another station or RC switch?"
         )
+
+
+def _height_m(vehicle: Vehicle) -> float:
+    return vehicle.telemetry.relative_altitude_m or 0.0
 
 
 def _ask(vehicle: Vehicle, mode: int) -> None:

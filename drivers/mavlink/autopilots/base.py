@@ -9,7 +9,9 @@ from typing import Final, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from drivers.mavlink.checks import ParameterCheck, Parameters
 from drivers.mavlink.codec import Message
+from drivers.mavlink.parameters import ParameterValue
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
 
 MULTICOPTERS: Final = frozenset(
@@ -19,6 +21,8 @@ MULTICOPTERS: Final = frozenset(
         mavlink.MAV_TYPE_OCTOROTOR,
         mavlink.MAV_TYPE_TRICOPTER,
         mavlink.MAV_TYPE_COAXIAL,
+        mavlink.MAV_TYPE_DECAROTOR,
+        mavlink.MAV_TYPE_DODECAROTOR,
     }
 )
 
@@ -38,8 +42,30 @@ class StreamNeeds:
     """It follows a jump in velocity at once: the stream changes it no faster. None where the autopilot shapes it."""
 
 
+@dataclass(frozen=True)
+class ParameterKnowledge:
+    """How one kind of autopilot tells its parameters, and what of them matters before a flight."""
+
+    value_of: ParameterValue
+    checks: tuple[ParameterCheck, ...]
+    return_reads: tuple[str, ...]
+    """The parameters that `failsafe_return_altitude_m` needs."""
+    failsafe_return_altitude_m: Callable[[Parameters], float | None]
+    """Returns at what height above home it flies home by itself when this service has gone; None when it does not."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """The names of all parameters that are looked at."""
+        return (*self.return_reads, *(name for check in self.checks for name in check.reads))
+
+
 class Autopilot(Protocol):
-    """How one kind of autopilot is made ready, taken into guided flight and out of it."""
+    """How one kind of autopilot is checked, made ready, taken into guided flight and out of it."""
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        ...
 
     @property
     def vehicle_types(self) -> frozenset[int]:
@@ -51,18 +77,29 @@ class Autopilot(Protocol):
         """What it needs of its setpoint stream."""
         ...
 
+    @property
+    def parameters(self) -> ParameterKnowledge:
+        """What its parameters mean."""
+        ...
+
+    @property
+    def complaint(self) -> str:
+        """How the texts begin with which it says what keeps it from arming."""
+        ...
+
     def is_guided(self, heartbeat: Heartbeat) -> bool:
         """Return whether the vehicle obeys this service's setpoints; anything else is the pilot's or a failsafe's."""
         ...
 
     async def prepare(self, vehicle: Vehicle) -> None:
-        """Ask for the telemetry that is used and wait until the position estimate is ready."""
+        """Ask for the telemetry that is used and wait for a position estimate. VehicleError when none comes."""
         ...
 
     async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
         """Enter the guided mode, arm, and climb to `altitude_m` above home. VehicleError when any of it is refused.
 
-        Where guided flight needs a stream, the caller takes it over without a gap.
+        A vehicle that already flies there only enters the guided mode. Where guided flight needs a stream, the caller
+        takes it over without a gap.
         """
         ...
 

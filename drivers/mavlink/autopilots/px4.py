@@ -17,9 +17,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from drivers.mavlink.autopilots.base import MULTICOPTERS, StreamNeeds
+from drivers.mavlink.autopilots.base import MULTICOPTERS, ParameterKnowledge, StreamNeeds
+from drivers.mavlink.autopilots.px4_parameters import PARAMETER_CHECKS, RETURN_PARAMETERS, failsafe_return_altitude_m
 from drivers.mavlink.codec import Message
 from drivers.mavlink.link import Setpoint
+from drivers.mavlink.parameters import bytewise_value
 from drivers.mavlink.setpoint_messages import position_setpoint, velocity_setpoint
 from drivers.mavlink.vehicle import Heartbeat, Vehicle
 from planner.frames import GeodeticPosition
@@ -68,8 +70,11 @@ def hold_here(vehicle: Vehicle, altitude_m: float) -> Message:
 class Px4Copter:
     """PX4 on a multicopter."""
 
+    name = "PX4"
     vehicle_types = MULTICOPTERS
     stream = StreamNeeds(hold_here, LONGEST_GAP_S, ACCELERATION_MPS2)
+    parameters = ParameterKnowledge(bytewise_value, PARAMETER_CHECKS, RETURN_PARAMETERS, failsafe_return_altitude_m)
+    complaint = "Preflight"
 
     def is_guided(self, heartbeat: Heartbeat) -> bool:
         """Return whether the mode is OFFBOARD."""
@@ -77,7 +82,7 @@ class Px4Copter:
 
     async def prepare(self, vehicle: Vehicle) -> None:
         """Request mode, position and health, and wait until PX4 calls itself armable."""
-        await vehicle.request_rates(_RATES_HZ)
+        vehicle.rates.ask(_RATES_HZ)
         await vehicle.wait_until(
             lambda: _armable(vehicle) and vehicle.telemetry.kinematics is not None,
             READY_TIMEOUT_S,
@@ -100,10 +105,11 @@ class Px4Copter:
             await vehicle.wait_until(
                 lambda: climb.offboard, MODE_TIMEOUT_S, "heartbeat in OFFBOARD", "Another station or RC switch?"
             )
-            await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
-            await vehicle.wait_until(
-                lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
-            )
+            if not vehicle.armed:
+                await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
+                await vehicle.wait_until(
+                    lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
+                )
             climb.rising = True
             await vehicle.wait_until(
                 lambda: climb.taken_over or (vehicle.telemetry.relative_altitude_m or 0.0) >= _REACHED * altitude_m,

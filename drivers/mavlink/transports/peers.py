@@ -69,6 +69,10 @@ class Peers:
                 self._bystanders.pop(source, None)
                 self._remember_everybody()
                 return
+        self.knocked(source)
+
+    def knocked(self, source: Source) -> None:
+        """Let a source have what is for all; also of a refused frame, for a signing clock behind catches up by it."""
         if source not in self._everybody and len(self._bystanders) < MOST_BYSTANDERS:
             self._bystanders[source] = None
             self._remember_everybody()

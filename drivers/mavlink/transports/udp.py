@@ -111,6 +111,8 @@ class UdpSocket:
                     self._refuse(frame, source)
                 elif self._on_frame(frame):
                     self._peers.heard(frame, source, now_s)
+                else:
+                    self._peers.knocked(source)
 
     def send(self, frame: bytes, system_id: int = 0) -> bool:
         """Send to the peer; of a listening socket, to the system's address or to all peers."""

@@ -21,23 +21,32 @@ ADDRESS = LinkAddress("udpin", "127.0.0.1", 14550)
 class Sent:
     time_s: float
     message: object
+    system_id: int = 0
 
 
 class FakeWire:
-    """A transport that keeps what was sent, and when; `on_send`, if set, sees each message as it leaves."""
+    """A transport that keeps what was sent, and when, while it `takes` anything; `on_send` sees each as it leaves."""
 
     def __init__(self, clock):
         self.address = ADDRESS
+        self.connected = True
+        self.backlogged = False
+        self.takes = True
+        self.skipped_bytes = self.refused = 0
+        self.contested_system_ids = frozenset()
         self.sent = []
         self.on_send = None
         self._clock = clock
         self._decoder = mavlink.MAVLink(None)
 
-    def send(self, frame):
+    def send(self, frame, system_id=0):
+        if not self.takes:
+            return False
         message = self._decoder.decode(bytearray(frame))
-        self.sent.append(Sent(self._clock.now_s(), message))
+        self.sent.append(Sent(self._clock.now_s(), message, system_id))
         if self.on_send is not None:
             self.on_send(message)
+        return True
 
     @property
     def messages(self):
@@ -106,7 +115,7 @@ class Rig:
     def __init__(self, clock):
         self.clock = clock
         self.wire = FakeWire(clock)
-        self.link = Link(Codec())
+        self.link = Link(Codec(), clock)
         self.copter = Speaker(self.link)
 
     def speaker(self, system_id, component_id=1):
@@ -117,7 +126,7 @@ class Rig:
 
     @contextlib.asynccontextmanager
     async def running(self):
-        owner = asyncio.create_task(self.link.run(self.wire, self.clock))
+        owner = asyncio.create_task(self.link.run(self.wire))
         await settle()
         try:
             yield self

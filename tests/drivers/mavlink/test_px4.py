@@ -111,6 +111,18 @@ async def test_setpoints_flow_before_offboard_is_asked_for_and_arming_waits_for_
     assert not call.done()
 
 
+async def test_a_vehicle_that_already_flies_there_enters_offboard_and_is_not_armed_again(flight):
+    heartbeat(flight, LOITER, armed=True)
+    flight.says.at_height(ALTITUDE_M)
+    call = await flight.take_off()
+    await flight.clock.advance(STREAM_BEFORE_S + 0.05)
+    assert not call.done()
+    heartbeat(flight, OFFBOARD, armed=True)
+    await settle()
+    assert call.exception() is None
+    assert flight.commands == [SET_MODE]
+
+
 async def test_the_climb_is_a_place_whose_altitude_rises_slowly_once_armed(flight):
     call = await climbing(flight)
     armed_s = flight.clock.now_s()

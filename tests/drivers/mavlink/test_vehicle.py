@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.errors import VehicleError
 from drivers.mavlink.link import Setpoint
-from drivers.mavlink.vehicle import ACK_TIMEOUT_S
+from drivers.mavlink.vehicle import ACK_TIMEOUT_S, OVERTAKEN_S, Battery
 from tests.fakes import settle
 
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
@@ -166,6 +166,31 @@ async def test_late_doubled_and_unasked_answers_do_no_harm(rig, vehicle, start):
     assert call.exception() is None
 
 
+async def test_an_answer_after_its_time_out_does_not_answer_the_next_command_of_its_number(rig, vehicle, start):
+    late = await start(vehicle.command(ARM, 1.0, what="arming"))
+    await rig.clock.advance(ACK_TIMEOUT_S + 0.1)
+    with pytest.raises(VehicleError, match="not acknowledged"):
+        await late
+    with pytest.raises(VehicleError, match=r"arming not sent: .*its answer may still come.*Wait"):
+        await vehicle.command(ARM, 1.0, what="arming")
+    assert len(rig.wire.commands) == 1
+    rig.copter.acknowledge(ARM, ACCEPTED)
+    call = await start(vehicle.command(ARM, 1.0, what="arming"))
+    assert not call.done()
+    rig.copter.acknowledge(ARM, DENIED)
+    await settle()
+    with pytest.raises(VehicleError, match="refused"):
+        await call
+
+
+async def test_the_answer_to_a_command_told_does_not_answer_one_that_waits(rig, vehicle, start):
+    vehicle.tell(ARM, 0.0)
+    with pytest.raises(VehicleError, match="not sent"):
+        await vehicle.command(ARM, 1.0, what="arming")
+    rig.copter.acknowledge(ARM, ACCEPTED)
+    assert not (await start(vehicle.command(ARM, 1.0, what="arming"))).done()
+
+
 async def test_telling_waits_for_nothing(rig, vehicle):
     vehicle.tell(ARM, 0.0)
     await settle()
@@ -240,3 +265,118 @@ async def test_nobody_sleeps_on_after_a_wait_or_a_command_has_ended(rig, vehicle
     cancelled.cancel()
     await settle()
     assert rig.clock.sleeping == sleeping
+
+
+def position(boot_s, height_m=10.0):
+    return mavlink.MAVLink_global_position_int_message(
+        round(boot_s * 1000), 474_000_000, 85_000_000, 430_000, round(height_m * 1000), 0, 0, 0, 0
+    )
+
+
+def rates_asked(rig):
+    return [int(sent.param1) for sent in rig.wire.commands if sent.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL]
+
+
+async def test_a_position_that_was_overtaken_is_not_taken(rig, vehicle):
+    places = []
+    vehicle.on_kinematics.append(places.append)
+    rig.copter.say(position(100.0, 10.0))
+    rig.copter.say(position(100.4, 10.4))
+    rig.copter.say(position(100.2, 10.2))
+    assert vehicle.telemetry.relative_altitude_m == pytest.approx(10.4)
+    assert len(places) == 2
+    assert vehicle.reboots == 0
+
+
+@pytest.mark.parametrize(
+    ("latitude_e7", "longitude_e7"), [(900_000_001, 0), (0, -1_800_000_001), (2**31 - 1, 2**31 - 1)]
+)
+async def test_a_place_that_is_not_on_earth_is_not_taken(rig, vehicle, latitude_e7, longitude_e7):
+    rig.copter.say(mavlink.MAVLink_global_position_int_message(5, latitude_e7, longitude_e7, 0, 0, 0, 0, 0, 0))
+    assert vehicle.telemetry.kinematics is None
+
+
+async def test_positions_older_than_one_of_an_earlier_boot_that_strayed_in_are_taken_after_some_seconds(rig, vehicle):
+    rig.copter.say(position(2.0))
+    rig.copter.say(position(300.0))
+    await rig.clock.advance(OVERTAKEN_S + 0.1)
+    rig.copter.say(position(2.0 + OVERTAKEN_S, 3.0))
+    assert vehicle.telemetry.relative_altitude_m == pytest.approx(3.0)
+
+
+REBOOTS = {
+    "its clock in a position": lambda copter: copter.say(position(2.0)),
+    "its clock in the system time": lambda copter: copter.say(mavlink.MAVLink_system_time_message(0, 2000)),
+    "its clock in an answer to TIMESYNC": lambda copter: copter.say(
+        mavlink.MAVLink_timesync_message(2_000_000_000, 77)
+    ),
+    "its clock in its own TIMESYNC": lambda copter: copter.say(mavlink.MAVLink_timesync_message(0, 2_000_000_000)),
+    "a heartbeat that says so": lambda copter: copter.heartbeat(status=mavlink.MAV_STATE_BOOT),
+}
+
+
+@pytest.mark.parametrize("told_by", REBOOTS)
+async def test_a_reboot_is_counted_and_said_and_every_rate_is_asked_for_again_without_waiting(rig, vehicle, told_by):
+    notices = []
+    vehicle.on_notice.append(notices.append)
+    vehicle.rates.ask({33: 5.0, 193: 1.0})
+    rig.copter.heartbeat()
+    rig.copter.say(position(300.0))
+    rig.copter.estimator(831)
+    rig.copter.health(0xFFFF)
+    await rig.clock.advance(4.0)
+    rig.wire.sent.clear()
+    REBOOTS[told_by](rig.copter)
+    await settle()
+    assert vehicle.reboots == 1
+    assert notices == ["U1 has rebooted"]
+    assert rates_asked(rig) == [33, 193]
+    assert (vehicle.telemetry.estimator_flags, vehicle.telemetry.sensors_healthy) == (0, 0)
+    rig.copter.say(position(2.4))
+    rig.copter.heartbeat(status=mavlink.MAV_STATE_BOOT)
+    rig.copter.say(position(2.6, 0.5))
+    assert vehicle.telemetry.relative_altitude_m == pytest.approx(0.5)
+    assert vehicle.reboots == 1, "several signs of one reboot"
+    await rig.clock.advance(60.0)
+    rig.copter.say(position(1.0))
+    assert vehicle.reboots == 2
+
+
+async def test_a_vehicle_that_boots_when_it_is_first_heard_has_not_rebooted(rig, vehicle):
+    rig.copter.heartbeat(status=mavlink.MAV_STATE_BOOT)
+    rig.copter.heartbeat(status=mavlink.MAV_STATE_BOOT)
+    rig.copter.heartbeat(status=mavlink.MAV_STATE_STANDBY)
+    assert vehicle.reboots == 0
+
+
+async def test_heartbeats_without_the_messages_asked_for_make_it_ask_again_and_say_so(rig, vehicle):
+    notices = []
+    vehicle.on_notice.append(notices.append)
+    vehicle.rates.ask({33: 5.0})
+    rig.copter.say(position(300.0))
+    await settle()
+    rig.wire.sent.clear()
+    for _ in range(6):
+        await rig.clock.advance(1.0)
+        rig.copter.heartbeat()
+    await settle()
+    assert rates_asked(rig) == [33]
+    assert notices == ["U1 stopped sending what was asked of it, and was asked again"]
+    rig.copter.say(position(4.0))
+    assert vehicle.reboots == 1, "what it then sends shows that its clock began again"
+
+
+async def test_the_battery_is_what_is_measured_of_it(rig, vehicle):
+    rig.copter.say(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 16200, -1, 81, *(0,) * 6))
+    assert vehicle.telemetry.battery == Battery(81, pytest.approx(16.2))
+    rig.copter.say(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, -1, -1, *(0,) * 6))
+    assert vehicle.telemetry.battery == Battery(None, None)
+
+
+async def test_a_listener_hears_messages_of_its_kind_while_its_block_lasts(rig, vehicle):
+    heard = []
+    with vehicle.hearing(mavlink.MAVLINK_MSG_ID_TIMESYNC, heard.append):
+        rig.copter.say(mavlink.MAVLink_timesync_message(5, 6))
+        rig.copter.heartbeat()
+    rig.copter.say(mavlink.MAVLink_timesync_message(7, 8))
+    assert [message.tc1 for message in heard] == [5]

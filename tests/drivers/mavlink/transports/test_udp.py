@@ -99,8 +99,8 @@ async def test_a_stranger_draws_no_answer_and_its_frames_are_refused_counted_and
     assert [record.levelname for record in caplog.records if "also heard from" in record.message] == ["WARNING"]
 
 
-async def test_who_is_not_accepted_is_not_answered(make_peer, ears, frame_by):
-    """As with a signature that is not right: not even the first to claim a system id gets its setpoints."""
+async def test_who_is_not_accepted_gets_no_setpoint_only_what_is_for_all(make_peer, ears, frame_by):
+    """As with a signature that is not right: a vehicle whose signing clock is behind catches up by our heartbeats."""
     vehicle, stranger = make_peer(), make_peer()
     ears.refused_system_ids = {1}
     async with open_transport(LISTENING, ears) as transport:
@@ -112,6 +112,7 @@ async def test_who_is_not_accepted_is_not_answered(make_peer, ears, frame_by):
         transport.send(b"setpoint", 1)
         transport.send(b"heartbeat")
         assert [await vehicle.hear(), await vehicle.hear()] == [b"setpoint", b"heartbeat"]
+        assert await stranger.hear() == b"heartbeat"
         assert stranger.heard_nothing()
 
 
