@@ -12,10 +12,15 @@ import typer
 from rich.console import Console
 
 from drivers.errors import DriverError
+from gcs.commands import sitl
+from gcs.commands.check import check
+from gcs.commands.control import control
 from gcs.commands.copter import copter
 from gcs.commands.fly import demo, fly
 from gcs.commands.paper import paper
 from gcs.commands.plan import plan
+from gcs.commands.report import report
+from gcs.commands.sensor import sensor
 from gcs.errors import ServiceError, leaves
 from planner.errors import PlannerError
 
@@ -26,7 +31,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, fly, plan, paper):
+app.add_typer(sitl.app, name="sitl")
+for command in (demo, plan, check, fly, control, report, sensor, paper):
     app.command()(command)
 app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(
     copter

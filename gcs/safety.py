@@ -47,6 +47,8 @@ class SafetyLimits:
     min_separation_m: float = 5.0
     separation_share: float = 0.8
     """Share of the planned separation below which a vehicle stops: the plan keeps the whole."""
+    standing_m: float = 3.0
+    """How far a transmitter from the start may tell to be from its place and still count as standing there."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Safety:
     bus_connected: Callable[[], bool]
     limits: SafetyLimits
     positions: PositionBoard
+    places: Mapping[str, complex] = field(default_factory=dict)
+    """Where the transmitters from the start should stand, site frame, m."""
 
     def objection(self, name: str) -> str | None:
         """Return why this vehicle must not move now, or None."""
@@ -68,4 +72,11 @@ class Safety:
         nearest = self.positions.smallest_separation_m(name)
         if nearest is not None and nearest[0] < self.limits.separation_share * self.limits.min_separation_m:
             return f"only {nearest[0]:.1f} m from {nearest[1]}"
-        return None
+        return self._astray(name)
+
+    def _astray(self, name: str) -> str | None:
+        """Return how far a transmitter from the start is from its place, when that is too far."""
+        place, told = self.places.get(name), self.positions.latest.get(name)
+        if place is None or told is None or abs(told.north_east - place) <= self.limits.standing_m:
+            return None
+        return f"it is {abs(told.north_east - place):.1f} m from its place: have its pilot bring it back"

@@ -11,31 +11,49 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import PositionReport, Progress, encode
 from drivers.bus.session import Bus
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DriverError
-from drivers.mavlink.vehicle import Kinematics, Vehicle
+from drivers.mavlink.tlog import open_tlogs
+from drivers.mavlink.vehicle import Kinematics
 from drivers.simulation.launcher import SimulatedTime, process_group
 from drivers.simulation.sitl import SITLS, Sitl
+from drivers.tasks import background
 from gcs.bearings import BearingFeed
+from gcs.clock_offsets import ClockOffsets
+from gcs.control import STOPPED, ControlDesk
 from gcs.errors import ServiceError, leaves
-from gcs.fleet import Member, in_guided_flight, open_links, start_vehicles
+from gcs.fleet import Member, cleared_to_arm, in_guided_flight
 from gcs.guidance import SpeedLimits
+from gcs.links import FleetLinks, open_links
 from gcs.playbook.schema import Playbook
+from gcs.preflight.report import PreflightError
+from gcs.recording.bus_address import FILE as BUS_FILE
+from gcs.recording.bus_address import BusAddress
+from gcs.recording.facts import FILE as FACTS_FILE
+from gcs.recording.facts import RunFacts
+from gcs.recording.flight import Recording, open_recording
 from gcs.recording.journal import Journal, open_journal
+from gcs.recording.lines import open_lines
 from gcs.recording.run_folder import RunFolder
 from gcs.recording.score import Score
+from gcs.recording.series import Series
+from gcs.recording.versions import versions
 from gcs.relay.emission import EmissionControl
 from gcs.relay.executor import RelayExecutor
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.reports.figure import draw_plan
+from gcs.reports.page import write_report
 from gcs.reports.run_report import Outcome, RunFigures, run_report
 from gcs.run_bus import joined, start_router
 from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition
 from gcs.simulated_sensors import start_sensors
+from gcs.simulated_vehicles import start_vehicles
 from gcs.status import RunStatus
 from planner.frames import SiteFrame
 from planner.plan import RelayPlan, plan_to_json
@@ -53,6 +71,8 @@ class RunOptions:
     seed: int = 0
     sitl: str | None = None
     """Fly on this autopilot's own simulator, in real time, instead of embedded copters."""
+    attended: bool = False
+    """Whether somebody is there to give the word when the relay holds; otherwise it ends."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +95,7 @@ class _Run:
     bus: Bus
     journal: Journal
     status: RunStatus
-    vehicles: dict[str, Vehicle]
+    fleet: FleetLinks
     board: PositionBoard = field(default_factory=PositionBoard)
 
     @property
@@ -99,6 +119,8 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
     folder = RunFolder.create(options.runs_dir, playbook.name)
     folder.write_json("playbook.json", playbook.model_dump(mode="json"))
     folder.write_json("plan.json", plan_to_json(plan))
+    facts = RunFacts(sim_time.epoch_ns, sim_time.speedup, options.seed, options.sitl, versions())
+    folder.write_json(FACTS_FILE, msgspec.to_builtins(facts))
     status = RunStatus(playbook.name, clock)
     status.say(f"run folder {folder.path}")
     async with contextlib.AsyncExitStack() as stack:
@@ -107,18 +129,41 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
         group = await stack.enter_async_context(process_group(folder.logs))
         endpoint = playbook.bus.router or await start_router(group)
         bus = await stack.enter_async_context(joined(endpoint))
-        vehicles = await stack.enter_async_context(open_links(playbook, clock, sitl))
-        run = _Run(playbook, plan, options, clock, bus, journal, status, vehicles)
+        folder.write_json(BUS_FILE, msgspec.to_builtins(BusAddress(endpoint, playbook.name)))
+        tlogs = await stack.enter_async_context(open_tlogs(folder.path / "tlogs", clock))
+        fleet = await stack.enter_async_context(open_links(playbook, clock, sitl, tlogs))
+        run = _Run(playbook, plan, options, clock, bus, journal, status, fleet)
+        status.recording = lambda: tlogs.problem
+        status.links = lambda: fleet.statuses(clock.now_s())
+        for vehicle in fleet.vehicles.values():
+            vehicle.on_notice.append(status.say)
         if playbook.vehicles is None:
             status.phase = "starting the vehicles"
-            await start_vehicles(playbook, vehicles, group, sim_time, sitl)
+            await start_vehicles(playbook, fleet.vehicles, group, sim_time, sitl)
+        if playbook.sensor.is_simulated(vehicles_named=playbook.vehicles is not None):
             await start_sensors(playbook, options.seed, group, endpoint, sim_time)
-        report, score = await _relay(run)
+        recording = await stack.enter_async_context(_recorded(run, folder))
+        report, score = await _relay(run, recording)
     folder.write_json("report.json", report)
     figure = folder.path / "figure.svg"
     places = {name: transmitter.at for name, transmitter in playbook.transmitters.items()}
     draw_plan(plan, places, figure, tracks=score.tracks, title=playbook.name)
+    write_report(folder.path)
     return RunResult(report, folder, figure)
+
+
+@contextlib.asynccontextmanager
+async def _recorded(run: _Run, folder: RunFolder) -> AsyncIterator[Recording]:
+    """Record what is said on the bus and what the receivers measure, while the block lasts."""
+    status, bus, clock = run.status, run.bus, run.clock
+    with open_lines(folder.path / "series.jsonl", synced=False) as lines:
+        series = Series(lines, status, run.board, run.playbook.site.frame, clock)
+        series.attach(bus, run.keys)
+        async with (
+            open_recording(folder.path, bus, run.keys, clock, status.say) as recording,
+            background(series.record()),
+        ):
+            yield recording
 
 
 def _sitl(playbook: Playbook, options: RunOptions) -> Sitl | None:
@@ -132,43 +177,65 @@ def _sitl(playbook: Playbook, options: RunOptions) -> Sitl | None:
     return sitl
 
 
-async def _relay(run: _Run) -> tuple[dict[str, Any], Score]:
+async def _relay(run: _Run, recording: Recording) -> tuple[dict[str, Any], Score]:
     """Bring the vehicles up, run the relay, and return report and score."""
-    settings, frame = _settings(run.playbook), run.playbook.site.frame
-    feed = BearingFeed(run.playbook.receivers, frame, run.clock, max_age_s=settings.gap_s)
+    playbook, clock, status, frame = run.playbook, run.clock, run.status, run.playbook.site.frame
+    settings = _settings(playbook)
+    clocks = ClockOffsets(playbook.receivers, clock, status.say)
+    clocks.attach(run.bus, run.keys)
+    feed = BearingFeed(playbook.receivers, frame, clock, settings.gap_s, clocks, playbook.sensor.reference)
     feed.attach(run.bus, run.keys)
-    emission = EmissionControl(run.bus, run.keys, run.clock)
+    emission = EmissionControl(run.bus, run.keys, clock)
     records = {route.receiver: ReceiverRecord(route) for route in run.plan.routes}
     score = Score(frame, run.board, records)
-    run.status.records = records
+    status.records = records
     _publish_positions(run, score)
     outcome: Outcome = "failed"
-    run.status.phase = "taking off"
-    async with _failures_said(run.status), in_guided_flight(run.playbook, run.vehicles, run.clock) as members:
-        executor = RelayExecutor(
-            records,
-            {name: transmitter.at for name, transmitter in run.playbook.transmitters.items()},
-            leases={name: member.stream for name, member in members.items()},
-            feed=feed,
-            emission=emission,
-            frame=frame,
-            clock=run.clock,
-            settings=settings,
-            objection=_safety(run).objection,
-            announce=_announcer(run, emission),
-        )
-        run.status.phase, outcome = "relay", "aborted"
-        try:
-            with _stopping_on_interrupt(executor, run.status):
-                await executor.run()
-        finally:
-            await run.clock.sleep(run.playbook.flight.lease_s)  # the last zero velocities go out
-        outcome = "formed" if executor.formed else "aborted"
-        if executor.formed and run.playbook.flight.land_after:
-            await _land(run, members)
-    run.status.phase = outcome
-    figures = RunFigures(run.playbook.name, outcome, run.status.elapsed_s(), emission.transmitter_s(), feed.counters)
+    async with _failures_said(status), background(clocks.run()):
+        status.phase = "preflight"
+        autopilots = await cleared_to_arm(playbook, run.plan, run.fleet.vehicles, status.say)
+        status.phase = "taking off"
+        async with in_guided_flight(playbook, run.fleet.vehicles, autopilots, clock) as members:
+            executor = RelayExecutor(
+                records,
+                {name: transmitter.at for name, transmitter in playbook.transmitters.items()},
+                leases={name: member.stream for name, member in members.items()},
+                feed=feed,
+                emission=emission,
+                frame=frame,
+                clock=clock,
+                settings=settings,
+                objection=_safety(run).objection,
+                announce=_announcer(run, emission),
+                say=_teller(run),
+                problem=playbook.problem(),
+                attended=run.options.attended,
+            )
+            _serve_control(run, executor, recording)
+            status.relay, status.phase, outcome = executor, "relay", "aborted"
+            try:
+                with _stopping_on_interrupt(executor, status):
+                    await executor.run()
+            finally:
+                await clock.sleep(playbook.flight.lease_s)  # the last zero velocities go out
+            outcome = "formed" if executor.formed else "aborted"
+            if executor.formed and playbook.flight.land_after:
+                await _land(run, members)
+    status.phase = outcome
+    figures = RunFigures(playbook.name, outcome, status.elapsed_s(), emission.transmitter_s(), feed.counters)
     return run_report(figures, run.plan, records, score), score
+
+
+def _serve_control(run: _Run, executor: RelayExecutor, recording: Recording) -> None:
+    """Answer the operator on the bus from now on."""
+    desk = ControlDesk(executor, _teller(run))
+
+    def answer(payload: bytes) -> bytes:
+        reply = desk.answer(payload)
+        recording.note_control(run.keys, payload, reply)
+        return reply
+
+    run.bus.serve(run.keys.control, answer)
 
 
 @contextlib.asynccontextmanager
@@ -176,7 +243,7 @@ async def _failures_said(status: RunStatus) -> AsyncIterator[None]:
     """Put what goes wrong with a vehicle in the block before the operator; the run goes on to its report."""
     try:
         yield
-    except* DriverError as failures:
+    except* (DriverError, PreflightError) as failures:
         for failure in leaves(failures):
             status.say(str(failure))
 
@@ -200,10 +267,14 @@ def _settings(playbook: Playbook) -> RelaySettings:
 
 def _safety(run: _Run) -> Safety:
     return Safety(
-        vehicles=run.vehicles,
+        vehicles=run.fleet.vehicles,
         bus_connected=run.bus.connected,
         limits=SafetyLimits(min_separation_m=run.playbook.planner.min_separation_m),
         positions=run.board,
+        places={
+            name: run.playbook.site.frame.to_site(transmitter.at)
+            for name, transmitter in run.playbook.transmitters.items()
+        },
     )
 
 
@@ -222,7 +293,7 @@ def _publish_positions(run: _Run, score: Score) -> None:
 
         return publish
 
-    for name, vehicle in run.vehicles.items():
+    for name, vehicle in run.fleet.vehicles.items():
         vehicle.on_kinematics.append(publisher(name))
 
 
@@ -243,9 +314,19 @@ def _announcer(run: _Run, emission: EmissionControl) -> Callable[[ReceiverRecord
             }
         )
         progress = Progress(now_ns, record.name, record.state.value, record.reason)
-        run.bus.put_reliably(run.keys.progress, encode(progress))
+        run.bus.put_history(run.keys.progress, encode(progress))
 
     return announce
+
+
+def _teller(run: _Run) -> Callable[[str], None]:
+    """Return what tells journal and screen what concerns the relay as a whole, and the operator's words."""
+
+    def tell(text: str) -> None:
+        run.status.say(text)
+        run.journal.append({"time_ns": run.clock.unix_ns(), "relay": text})
+
+    return tell
 
 
 @contextlib.contextmanager
@@ -254,7 +335,7 @@ def _stopping_on_interrupt(executor: RelayExecutor, status: RunStatus) -> Iterat
 
     def interrupt() -> None:
         status.say("stopped by the operator: every vehicle holds")
-        executor.abort("stopped by the operator")
+        executor.abort(STOPPED)
 
     loop = asyncio.get_running_loop()
     for signal_number in (signal.SIGINT, signal.SIGTERM):

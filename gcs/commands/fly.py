@@ -48,11 +48,14 @@ def fly(
     sitl: SitlChoice = None,
     sigma_deg: SigmaDeg = None,
     seed: Seed = 0,
+    attended: Annotated[
+        bool, typer.Option(help="somebody is there: when the relay holds, wait for their `bearing-relay control`")
+    ] = False,
     json: ReportPath = None,
     runs_dir: RunsDir = Path("runs"),
 ) -> None:
     """Fly a playbook on the vehicles it names. Exit status 0 only when every receiver is PLACED."""
-    options = RunOptions(runs_dir, speedup, seed, None if sitl is None else sitl.value)
+    options = RunOptions(runs_dir, speedup, seed, None if sitl is None else sitl.value, attended)
     _fly(load_playbook(path), options, sigma_deg, json)
 
 
@@ -73,7 +76,7 @@ def _fly(playbook: Playbook, options: RunOptions, sigma_deg: float | None, json:
     for receiver in result.report["receivers"]:
         if receiver["reason"] and receiver["state"] != ReceiverState.PLACED.value:
             console.print(f"{receiver['name']} {receiver['state']}: {receiver['reason']}", style="red", soft_wrap=True)
-    console.print(f"figure {result.figure}", soft_wrap=True)
+    console.print(f"report {result.folder.path / 'report.html'}", soft_wrap=True)
     if json is not None:
         write_json(json, result.report)
     if result.report["outcome"] != "formed":

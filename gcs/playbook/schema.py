@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 from gcs.playbook.formation import Formation
 from gcs.playbook.links import Mavlink, VehicleLink, clashes
 from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
+from gcs.playbook.sensor_section import SensorSection
 from planner.frames import FormationFrame, GeodeticPosition
 from planner.methods import DEFAULT_METHOD, METHODS
 from planner.plan import RelayPlan
@@ -81,16 +82,6 @@ class Flight(Section):
     land_after: bool = False
 
 
-class SensorSection(Section):
-    """The AOA sensors: their noise (one standard deviation), and how the simulated ones behave."""
-
-    reference: Literal["true_north", "body"] = "true_north"
-    sigma_deg: Annotated[float, Field(ge=0.0, le=20.0)] = 0.1
-    rate_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
-    latency_s: Annotated[float, Field(ge=0.0, le=0.4)] = 0.1
-    drop_out: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-
-
 class Simulation(Section):
     """The air that simulated vehicles fly in."""
 
@@ -133,6 +124,8 @@ class Playbook(Section):
             raise ValueError(f"vehicles: {', '.join(sorted(unknown))} are neither transmitters nor receivers")
         if self.vehicles is not None and (problems := clashes(self.vehicles, self.mavlink)):
             raise ValueError(f"vehicles: {'; '.join(problems)}")
+        if strangers := self.sensor.strangers(self.receivers, self.transmitters):
+            raise ValueError(f"sensor.faults: {', '.join(strangers)} is nobody of this playbook")
         self.problem()
         return self
 

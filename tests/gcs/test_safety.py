@@ -59,3 +59,10 @@ def test_a_vehicle_without_a_position_has_no_neighbours() -> None:
     assert board(U2=1j).smallest_separation_m("U1") is None
     assert board(U1=1j).smallest_separation_m("U1") is None
     assert board(U1=0j, U2=3 + 4j).smallest_separation_m("U1") == (5.0, "U2")
+
+
+def test_a_transmitter_away_from_its_place_is_not_standing() -> None:
+    vehicles, told = {"L0": Silence(), "L1": Silence()}, board(L0=3.0 + 2.0j, L1=103.0 + 0j)
+    watched = Safety(vehicles, lambda: True, SafetyLimits(), told, {"L0": 0j, "L1": 100 + 0j})
+    assert watched.objection("L0") == "it is 3.6 m from its place: have its pilot bring it back"
+    assert watched.objection("L1") is None

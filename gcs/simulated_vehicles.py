@@ -1,0 +1,46 @@
+"""The vehicles of a playbook that are simulated: where each starts, the air it flies in, and how they are started."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from drivers.mavlink.vehicle import Vehicle
+from drivers.simulation.launcher import CopterSpec, ProcessGroup, SimulatedTime, this_pid
+from drivers.simulation.sitl import Sitl, SitlVehicle
+from drivers.simulation.sitl_readiness import until_all_ready
+from drivers.simulation.weather import SimulatedWeather
+from gcs.playbook.schema import Playbook
+from planner.frames import GeodeticPosition, SiteFrame
+
+
+def homes_of(playbook: Playbook) -> dict[str, GeodeticPosition]:
+    """Return where each UAV starts, by name; its system id is its place in this order, counted from 1."""
+    site, frame = SiteFrame(playbook.site.origin), playbook.site.frame
+    return {name: site.to_geodetic(frame.to_site(start)) for name, start in playbook.uavs.items()}
+
+
+def weather_of(playbook: Playbook) -> SimulatedWeather:
+    """Return the air that simulated vehicles fly in."""
+    air = playbook.simulation
+    return SimulatedWeather(air.wind_mps, math.radians(air.wind_from_deg), air.gusts_mps, air.gps_noise_m)
+
+
+async def start_vehicles(
+    playbook: Playbook, vehicles: Mapping[str, Vehicle], group: ProcessGroup, time: SimulatedTime, sitl: Sitl | None
+) -> None:
+    """Start an embedded copter, or else an autopilot's own simulator, for every vehicle, at its start.
+
+    SimulationError or VehicleError, in a group, for what does not come up.
+    """
+    weather, station_id = weather_of(playbook), playbook.mavlink.system_id
+    for name, home in homes_of(playbook).items():
+        system_id, port = vehicles[name].system_id, vehicles[name].link.address.port
+        if sitl is None:
+            copter = CopterSpec(name, system_id, port, home, weather=weather, station_id=station_id)
+            await group.start(name, copter.arguments(time, this_pid()))
+        else:
+            simulated = SitlVehicle(name, system_id, port, home, weather, station_id, sitl.start_speedup)
+            await sitl.start(simulated, group)
+    if sitl is not None:
+        await until_all_ready(sitl, vehicles, group.require_running)
