@@ -20,6 +20,7 @@ from gcs.commands.fly import demo, fly
 from gcs.commands.paper import paper
 from gcs.commands.plan import plan
 from gcs.commands.report import report
+from gcs.commands.schema import schema
 from gcs.commands.sensor import sensor
 from gcs.errors import ServiceError, leaves
 from planner.errors import PlannerError
@@ -32,7 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(sitl.app, name="sitl")
-for command in (demo, plan, check, fly, control, report, sensor, paper):
+for command in (demo, plan, check, fly, control, report, sensor, schema, paper):
     app.command()(command)
 app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(
     copter

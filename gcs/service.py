@@ -148,7 +148,10 @@ async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Sh
     figure = folder.path / "figure.svg"
     places = {name: transmitter.at for name, transmitter in playbook.transmitters.items()}
     draw_plan(plan, places, figure, tracks=score.tracks, title=playbook.name)
-    write_report(folder.path)
+    try:
+        write_report(folder.path)
+    except ServiceError as error:
+        status.say(str(error))
     return RunResult(report, folder, figure)
 
 
@@ -222,7 +225,9 @@ async def _relay(run: _Run, recording: Recording) -> tuple[dict[str, Any], Score
             if executor.formed and playbook.flight.land_after:
                 await _land(run, members)
     status.phase = outcome
-    figures = RunFigures(playbook.name, outcome, status.elapsed_s(), emission.transmitter_s(), feed.counters)
+    figures = RunFigures(
+        playbook.name, outcome, status.elapsed_s(), emission.transmitter_s(), feed.counters, status.links()
+    )
     return run_report(figures, run.plan, records, score), score
 
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr, ValidationInfo, model_serializer, model_validator
 
 from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
+from gcs.playbook.slot_files.ground_station_plan import read_plan
+from gcs.playbook.slot_files.kml import read_kml
+from gcs.playbook.slot_files.slots import FoundSlot, Surroundings, placed
+from gcs.playbook.slot_files.table import read_table
 from planner import formations
 from planner.formations import Slots
 
@@ -106,8 +111,62 @@ class Custom(_Formation):
         return formations.custom(self.slots)
 
 
+class _FromFile(_Formation):
+    """Slots from a file named from the playbook's folder; read once, with the playbook, and written out as `custom`."""
+
+    file: Annotated[str, Field(min_length=1)]
+    _slots: Slots = PrivateAttr(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> _FromFile:
+        if not isinstance(info.context, Surroundings):
+            raise ValueError("slots from a file are read with the playbook's own file, from its folder")
+        path = info.context.folder / self.file
+        self._slots = placed(path, self._found(path), info.context)
+        return self
+
+    @model_serializer
+    def _written_out(self) -> dict[str, Any]:
+        slots = {name: [point.real, point.imag] for name, point in self._slots.items()}
+        drawn = {"scale": self.scale, "rotation_deg": self.rotation_deg, "mirrored": self.mirrored}
+        return {"kind": "custom", "slots": slots, **drawn}
+
+    def _found(self, path: Path) -> list[FoundSlot]:
+        raise NotImplementedError
+
+    def _drawn(self) -> Slots:
+        return formations.custom(self._slots)
+
+
+class Table(_FromFile):
+    """Slots in a table: columns x, y in metres or lat, lon in degrees, and name; in relay order."""
+
+    kind: Literal["csv"]
+
+    def _found(self, path: Path) -> list[FoundSlot]:
+        return read_table(path)
+
+
+class GroundStationPlan(_FromFile):
+    """Slots in a plan of QGroundControl: its waypoints, or the corners of its one polygon."""
+
+    kind: Literal["plan"]
+
+    def _found(self, path: Path) -> list[FoundSlot]:
+        return read_plan(path)
+
+
+class Map(_FromFile):
+    """Slots in a KML map: its points, or the corners of its one line or polygon."""
+
+    kind: Literal["kml"]
+
+    def _found(self, path: Path) -> list[FoundSlot]:
+        return read_kml(path)
+
+
 Formation = Annotated[
-    Circle | Polygon | Line | Echelon | Vee | Grid | Custom,
+    Circle | Polygon | Line | Echelon | Vee | Grid | Custom | Table | GroundStationPlan | Map,
     Field(discriminator="kind"),
 ]
-KINDS = ("circle", "polygon", "line", "echelon", "vee", "grid", "custom")
+KINDS = ("circle", "polygon", "line", "echelon", "vee", "grid", "custom", "csv", "plan", "kml")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
 
 from drivers.errors import LinkError
 from drivers.mavlink.transport import LinkAddress
@@ -19,7 +19,11 @@ def _read_link(value: Any) -> str:
         raise ValueError(str(error)) from error
 
 
-Link = Annotated[str, BeforeValidator(_read_link)]
+Link = Annotated[
+    str,
+    BeforeValidator(_read_link),
+    WithJsonSchema({"type": "string", "pattern": r"^\s*((udpin|udpout|tcp):.+:\d{1,5}|serial:\S+:[1-9]\d{1,6})\s*$"}),
+]
 
 
 class Signing(Section):

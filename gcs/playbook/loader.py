@@ -16,7 +16,9 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from gcs.errors import ServiceError
 from gcs.playbook.formation import KINDS
-from gcs.playbook.schema import Playbook
+from gcs.playbook.schema import Playbook, Site
+from gcs.playbook.slot_files.slots import SlotFileError, Surroundings
+from planner.frames import FormationFrame, GeodeticPosition
 
 _LARGEST_FILE_BYTES = 4_000_000
 _NOT_IN_THE_FILE = (*KINDS, "[key]")
@@ -47,10 +49,21 @@ class PlaybookError(ServiceError):
 def load_playbook(path: Path) -> Playbook:
     """Return the playbook in a YAML file; PlaybookError with every problem it has."""
     document = _read_yaml(path)
+    plain = _plain(document)
     try:
-        return Playbook.model_validate(_plain(document))
+        return Playbook.model_validate(plain, context=Surroundings(path.parent, _site(plain)))
     except ValidationError as error:
-        raise PlaybookError([_problem(path, document, details) for details in error.errors()]) from error
+        problems = [problem for details in error.errors() for problem in _problems(path, document, details)]
+        raise PlaybookError(problems) from error
+
+
+def _site(plain: Mapping[str, Any]) -> tuple[GeodeticPosition, FormationFrame] | None:
+    """Return where the playbook's formation stands; None when that is not right, which validation then says."""
+    try:
+        site = Site.model_validate(plain.get("site", {}))
+    except ValidationError:
+        return None
+    return site.origin, site.frame
 
 
 def _read_yaml(path: Path) -> CommentedMap:
@@ -79,6 +92,14 @@ def _plain(node: Any) -> Any:
         if isinstance(node, kind):
             return kind(node)
     return node
+
+
+def _problems(path: Path, document: CommentedMap, details: ErrorDetails) -> list[PlaybookProblem]:
+    """Return what one of pydantic's errors says; what is wrong in a file of slots stands there."""
+    cause = details.get("ctx", {}).get("error")
+    if isinstance(cause, SlotFileError):
+        return [PlaybookProblem(cause.path, problem.line, 1, problem.message) for problem in cause.problems]
+    return [_problem(path, document, details)]
 
 
 def _problem(path: Path, document: CommentedMap, details: ErrorDetails) -> PlaybookProblem:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
 
 from gcs.playbook.formation import Formation
 from gcs.playbook.links import Mavlink, VehicleLink, clashes
@@ -23,7 +23,7 @@ def _read_method(value: Any) -> str:
     return str(value)
 
 
-Method = Annotated[str, BeforeValidator(_read_method)]
+Method = Annotated[str, BeforeValidator(_read_method), WithJsonSchema({"enum": list(METHODS)})]
 
 
 class Site(Section):

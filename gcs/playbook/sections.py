@@ -6,7 +6,15 @@ import cmath
 import math
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    WithJsonSchema,
+)
 
 from drivers.bus.keys import NAME_PATTERN
 
@@ -25,11 +33,33 @@ def _read_point(value: Any) -> complex:
     raise ValueError("a point is [x, y] in metres, or {radius_m: ..., angle_deg: ...}")
 
 
+def _write_point(point: complex) -> list[float]:
+    return [point.real, point.imag]
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$", max_length=64)]
-Point = Annotated[complex, BeforeValidator(_read_point)]
+Point = Annotated[
+    complex,
+    BeforeValidator(_read_point),
+    PlainSerializer(_write_point, when_used="json"),
+    WithJsonSchema(
+        {
+            "description": "[x, y] in metres, or {radius_m: ..., angle_deg: ...}; formation frame",
+            "anyOf": [
+                {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2},
+                {
+                    "type": "object",
+                    "properties": {"radius_m": {"type": "number"}, "angle_deg": {"type": "number"}},
+                    "required": ["radius_m", "angle_deg"],
+                    "additionalProperties": False,
+                },
+            ],
+        }
+    ),
+]
 Metres = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]

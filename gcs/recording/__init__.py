@@ -1,1 +1,1 @@
-"""What a run leaves behind: the run folder, the journal, and the score."""
+"""What a run leaves behind: the run folder, the journal, the time series, every message, and the score."""

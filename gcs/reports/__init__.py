@@ -1,1 +1,1 @@
-"""What a run or a plan is shown as afterwards: report.json and the figure."""
+"""What a run or a plan is shown as afterwards: report.json, report.html and the figures."""

@@ -23,7 +23,8 @@ SLOT: Style = {"marker": "o", "markersize": 9, "markerfacecolor": "none", "marke
 START: Style = {"marker": "s", "markersize": 9, "markerfacecolor": "#DDDDDD", "markeredgecolor": "#888888"}
 
 _SUFFIXES = (".svg", ".png", ".pdf")
-_WIDTH_IN, _LEGEND_IN = 8.5, 0.8
+WIDTH_IN = 8.5
+_LEGEND_IN = 0.8
 _MARGIN = 0.07
 _POINTS_PER_INCH, _DPI = 72.0, 160.0
 
@@ -37,13 +38,13 @@ def extent_of(points: Iterable[complex], margin: float = _MARGIN) -> Extent:
     return left, right, bottom, top
 
 
-def new_sheet(path: Path, extent: Extent, title: str) -> tuple[Figure, Axes]:
+def new_sheet(path: Path, extent: Extent, title: str, width_in: float = WIDTH_IN) -> tuple[Figure, Axes]:
     """Return an empty figure that will be written to `path`; ServiceError when its suffix names no format."""
     if path.suffix.lower() not in _SUFFIXES:
         raise ServiceError(f"{path}: the suffix of a figure must be one of {', '.join(_SUFFIXES)}")
     left, right, bottom, top = extent
     tallness = min(max((top - bottom) / (right - left), 0.4), 1.4)
-    figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN * tallness + _LEGEND_IN), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(width_in, width_in * tallness + _LEGEND_IN), dpi=_DPI, layout="constrained")
     axes = figure.add_subplot()
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x, from L0 to L1 (m)", ylabel="y (m)")
     axes.grid(visible=True, color="#eeeeee", linewidth=0.6)

@@ -21,6 +21,7 @@ from gcs.reports.canvas import (
     SLOT,
     START,
     TRANSMITTER,
+    WIDTH_IN,
     Extent,
     Style,
     add_legend,
@@ -56,17 +57,19 @@ def draw_plan(
     title: str = "",
     accuracy: Mapping[str, PlacementAccuracy] | None = None,
     extent: Extent | None = None,
+    width_in: float = WIDTH_IN,
 ) -> None:
     """Write the plan to `path` as SVG, PNG or PDF, by its suffix; places and tracks in the formation frame, m.
 
     A start carries the number of its wave. With `accuracy`, by receiver, the predicted 3-sigma error ellipses are drawn
-    at turning points and slots. `extent` is what to show, by default everything. Raises ServiceError for another
-    suffix, a file that cannot be written, and a guide whose place is not known.
+    at turning points and slots. `extent` is what to show, by default everything; on a sheet less wide the writing is
+    larger against it. Raises ServiceError for another suffix, a file that cannot be written, and a guide whose place is
+    not known.
     """
     flown = {name: track for name, track in (tracks or {}).items() if track}
     shown = extent or extent_of(_points(plan, transmitters, flown))
     heading = f"{title}: total" if title else "Total"
-    figure, axes = new_sheet(path, shown, f"{heading} length {plan.total_length_m:.2f} m")
+    figure, axes = new_sheet(path, shown, f"{heading} length {plan.total_length_m:.2f} m", width_in)
     _draw_bearings(axes, plan, transmitters)
     ellipses = ellipses_of(plan, accuracy or {})
     factor = magnification(ellipses, max(shown[1] - shown[0], shown[3] - shown[2])) if ellipses else 1
@@ -75,7 +78,7 @@ def draw_plan(
     for name, track in flown.items():
         line(axes, track, gid=f"track-{name}", zorder=4, **_TRACK)
     _draw_places(axes, plan, transmitters)
-    add_legend(figure, [*_legend(plan, flown=bool(flown)), *predicted])
+    add_legend(figure, [*_legend(plan, flown=bool(flown)), *predicted], columns=5 if width_in >= WIDTH_IN else 3)
     _draw_arrows(axes, plan)
     legs = [leg for _, _, leg in _legs(plan)]
     draw_labels(axes, _labels(plan, transmitters), [leg.end for leg in legs], [(leg.start, leg.end) for leg in legs])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from gcs.bearings import BearingCounters
+from drivers.mavlink.link_status import LinkStatus
 from gcs.recording.score import Score
 from gcs.relay.records import ReceiverRecord
+from gcs.report_checks import BearingCounters
 from planner.plan import RelayPlan
 
 Outcome = Literal["formed", "aborted", "failed"]
@@ -24,6 +25,8 @@ class RunFigures:
     duration_s: float
     emission_transmitter_s: float
     bearing_reports: BearingCounters
+    links: Sequence[tuple[str, LinkStatus]] = ()
+    """Each with the names of the vehicles behind it."""
 
 
 def run_report(
@@ -40,8 +43,15 @@ def run_report(
         "duration_s": figures.duration_s,
         "emission_transmitter_s": figures.emission_transmitter_s,
         "bearing_reports": asdict(figures.bearing_reports),
+        "links": [_link(vehicles, status) for vehicles, status in figures.links],
         "receivers": [_receiver(record, score) for record in records.values()],
     }
+
+
+def _link(vehicles: str, status: LinkStatus) -> dict[str, Any]:
+    counted = ("received", "sent", "lost", "refused", "dropped", "skipped_bytes")
+    link = {"vehicles": vehicles, "address": status.address, "state": status.state.value}
+    return {**link, **{name: getattr(status, name) for name in counted}}
 
 
 def _receiver(record: ReceiverRecord, score: Score) -> dict[str, Any]:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 import math
 import os
+import resource
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
-from gcs.bearings import BearingCounters
+from drivers.mavlink.link_status import LinkState, LinkStatus
 from gcs.errors import ServiceError
 from gcs.recording.journal import open_journal
+from gcs.recording.lines import open_lines
 from gcs.recording.run_folder import RunFolder, write_json
 from gcs.recording.score import Score
 from gcs.relay.records import LegRecord, ReceiverRecord
 from gcs.relay.states import ReceiverState
+from gcs.report_checks import BearingCounters
 from gcs.reports.run_report import RunFigures, run_report
 from gcs.safety import PositionBoard, SitePosition
 from planner.frames import FormationFrame
@@ -72,6 +76,24 @@ def test_a_journal_that_cannot_be_opened_is_said(tmp_path: Path) -> None:
         pass
 
 
+def test_a_line_that_fitted_only_in_part_spoils_no_other(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b'{"a": 1}\n{"a": 2, "torn')
+    with open_journal(path) as journal:
+        journal.append({"a": 3})
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with open_lines(path, synced=False) as lines:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 5, before[1]))
+        try:
+            lines.append(b'{"a": 4, "long": "x"}')
+            while not path.read_bytes().endswith(b'{"a":'):
+                time.sleep(0.01)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        lines.append(b'{"a": 5}')
+    assert path.read_text().splitlines() == ['{"a": 1}', '{"a": 2, "torn', '{"a": 3}', '{"a":', '{"a": 5}']
+
+
 @pytest.fixture
 def relay() -> RelayPlan:
     return plan(RelayProblem({"L0": 0j, "L1": 100 + 0j}, {"U1": 40 + 70j}, {"O1": 70 + 60j}))
@@ -110,16 +132,23 @@ def test_the_score_counts_what_was_flown_on_legs_and_the_closest_approach(relay:
 
 def test_the_report_has_the_documented_form(relay: RelayPlan) -> None:
     record, score = flown(relay)
-    figures = RunFigures("test", "aborted", 60.0, 120.0, BearingCounters(received=9, stale=2))
+    silent = LinkStatus("udpin:h:1", LinkState.SILENT, 90, 80, 7, 6, 5, 4, None, math.inf, (1,), ())
+    counters = BearingCounters(received=9, stale=2)
+    figures = RunFigures("test", "aborted", 60.0, 120.0, counters, links=[("L0, L1", silent)])
     report = run_report(figures, relay, {"U1": record}, score)
     json.dumps(report, allow_nan=False)
     assert set(report) == {
         "playbook", "outcome", "planned_total_length_m", "flown_total_length_m", "straight_line_bound_m",
-        "min_separation_m", "duration_s", "emission_transmitter_s", "bearing_reports", "receivers",
+        "min_separation_m", "duration_s", "emission_transmitter_s", "bearing_reports", "links", "receivers",
     }  # fmt: skip
     assert report["bearing_reports"] == {
-        "received": 9, "stale": 2, "out_of_order": 0, "malformed": 0, "unknown_sender": 0,
+        "received": 9, "stale": 2, "duplicate": 0, "out_of_order": 0, "from_the_future": 0, "stuck": 0,
+        "without_heading": 0, "malformed": 0, "unknown_sender": 0,
     }  # fmt: skip
+    assert report["links"] == [
+        {"vehicles": "L0, L1", "address": "udpin:h:1", "state": "silent", "received": 90, "sent": 80, "lost": 7,
+         "refused": 6, "dropped": 5, "skipped_bytes": 4},
+    ]  # fmt: skip
     receiver = report["receivers"][0]
     assert {"name", "slot", "state", "route_model", "transmitters", "placement_error_m", "legs"} <= set(receiver)
     first, second = receiver["legs"]

@@ -1,0 +1,162 @@
+"""The recording of a flight: everything said on the bus, written off the event loop.
+
+A handler on the event loop only hands over to a bounded queue; one thread checks, counts and writes. Whatever becomes
+of the files, the counting goes on and so does the flight.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import queue
+import threading
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from drivers.bus.keys import SwarmKeys
+from drivers.bus.messages import MalformedMessageError, decode, encode
+from drivers.bus.session import Bus
+from drivers.clock import Clock
+from gcs.errors import ServiceError
+from gcs.recording.mcap_file import McapFiles, RecordingFullError, SizeLimits
+from gcs.recording.run_folder import write_json
+from gcs.recording.topics import Unreadable, every_message, message_on
+from gcs.recording.traffic import Traffic
+from gcs.recording.versions import versions
+
+log = logging.getLogger(__name__)
+
+QUEUE_LENGTH: Final = 20_000
+_CLOSING_S: Final = 10.0
+"""A disk that takes longer than this to finish the file is not waited for."""
+
+Say = Callable[[str], None]
+"""Puts a message before the operator, on the event loop."""
+
+
+class Recording:
+    """One flight's recording. `note` is called on the event loop."""
+
+    def __init__(self, files: McapFiles, clock: Clock, say: Say, queue_length: int = QUEUE_LENGTH) -> None:
+        self.dropped = 0
+        self.stopped: str | None = None
+        """Why nothing is written any more, or None."""
+        self.traffic = Traffic()
+        self._files = files
+        self._clock = clock
+        self._say = say
+        self._ended = False
+        self._opened_ns, self._opened_s = clock.unix_ns(), clock.now_s()
+        self._queue: queue.Queue[tuple[int, str, bytes] | None] = queue.Queue(queue_length)
+
+    def note(self, key: str, payload: bytes) -> None:
+        """Record one message as it is now; dropped and counted when the disk does not keep up."""
+        if self._ended:
+            return
+        time_ns = self._opened_ns + round((self._clock.now_s() - self._opened_s) * 1e9)
+        try:
+            self._queue.put_nowait((time_ns, key, payload))
+        except queue.Full:
+            if not self.dropped:
+                self._say("the disk is too slow for flight.mcap: messages are missing in it; the flight goes on")
+            self.dropped += 1
+
+    def note_control(self, keys: SwarmKeys, request: bytes, reply: bytes) -> None:
+        """Record a request to the relay and its answer, which no subscriber hears."""
+        self.note(f"{keys.control}/request", request)
+        self.note(f"{keys.control}/reply", reply)
+
+    def figures(self) -> dict[str, Any]:
+        """Return traffic.json; to be asked for when the thread has ended."""
+        return {
+            "files": [path.name for path in self._files.paths],
+            "dropped": self.dropped,
+            "stopped": self.stopped,
+            **self.traffic.figures(),
+        }
+
+    def write_all(self, tell: Say) -> None:
+        """Write what is noted until `end`; runs in a thread of its own, and `tell` is called there."""
+        while (item := self._queue.get()) is not None:
+            try:
+                self._write(*item)
+            except Exception as error:  # noqa: BLE001 - whatever is wrong with a recording must not end a flight
+                self._stop(error, tell)
+        try:
+            self._files.finish()
+        except Exception as error:  # noqa: BLE001 - as above
+            self._stop(error, tell)
+
+    def end(self) -> None:
+        """Let the thread end when it has written what waits. Blocks while the queue is full, not for ever."""
+        self._ended = True
+        with contextlib.suppress(queue.Full):
+            self._queue.put(None, timeout=_CLOSING_S)
+
+    def _write(self, time_ns: int, key: str, payload: bytes) -> None:
+        kind = message_on(key)
+        problem: str | None = None
+        message: msgspec.Struct | None = None
+        try:
+            if kind is None:
+                msgspec.json.decode(payload, type=dict[str, Any])
+            else:
+                message = decode(payload, kind)
+        except MalformedMessageError as error:
+            problem = str(error)
+        self.traffic.count(key, time_ns, len(payload), message, readable=problem is None)
+        if self.stopped is None and problem is None:
+            self._files.write(key, kind, time_ns, payload)
+        elif self.stopped is None:
+            unreadable = Unreadable(problem or "", payload)
+            self._files.write(f"{key}/unreadable", Unreadable, time_ns, encode(unreadable))
+
+    def _stop(self, error: Exception, tell: Say) -> None:
+        if self.stopped is None:
+            self.stopped = str(error)
+            tell(f"flight.mcap: {error}: recording has stopped, the flight goes on")
+        if not isinstance(error, RecordingFullError):
+            self._files.give_up()
+
+
+@contextlib.asynccontextmanager
+async def open_recording(
+    folder: Path, bus: Bus, keys: SwarmKeys, clock: Clock, say: Say, limits: SizeLimits | None = None
+) -> AsyncIterator[Recording]:
+    """Record everything said in a swarm into the folder while the block lasts; then write traffic.json there.
+
+    What this process publishes comes back over the bus, so that every message is seen once. Nothing that goes wrong is
+    raised: `say` is told, on the event loop.
+    """
+    loop = asyncio.get_running_loop()
+
+    def tell(message: str) -> None:
+        log.error("%s", message)
+        with contextlib.suppress(RuntimeError):  # the loop may have closed while the disk hung
+            loop.call_soon_threadsafe(say, message)
+
+    files = McapFiles(folder, {"swarm": keys.swarm, **versions()}, limits or SizeLimits())
+    recording = Recording(files, clock, say)
+    thread = threading.Thread(target=recording.write_all, args=[tell], name="recording", daemon=True)
+    thread.start()
+    bus.subscribe(every_message(keys), recording.note)
+    try:
+        yield recording
+    finally:
+        await asyncio.to_thread(_close, folder, recording, thread, tell)
+
+
+def _close(folder: Path, recording: Recording, thread: threading.Thread, tell: Say) -> None:
+    recording.end()
+    thread.join(_CLOSING_S)
+    if thread.is_alive():
+        tell(f"{folder}: the disk does not answer: the recording may not be complete")
+        return
+    try:
+        write_json(folder / "traffic.json", recording.figures())
+    except ServiceError as error:
+        tell(str(error))
