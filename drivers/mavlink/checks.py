@@ -49,6 +49,8 @@ class Check:
     verdict: Verdict
     found: str
     way_out: str = ""
+    link: str = ""
+    """Over which the vehicle was spoken to."""
 
     @classmethod
     def of(cls, vehicle: str, name: str, finding: Finding) -> Check:

@@ -21,16 +21,21 @@ class PreflightError(ServiceError):
 
 def alike(checks: Iterable[Check]) -> list[tuple[list[str], Check]]:
     """Return each thing found, with the names of all vehicles it was found of, and the check of the first."""
-    groups: dict[Check, list[str]] = {}
+    groups: dict[Check, list[Check]] = {}
     for check in checks:
-        groups.setdefault(replace(check, vehicle=""), []).append(check.vehicle)
-    return [(names, replace(check, vehicle=names[0])) for check, names in groups.items()]
+        groups.setdefault(replace(check, vehicle="", link=""), []).append(check)
+    return [([check.vehicle for check in group], group[0]) for group in groups.values()]
 
 
 def _lines(checks: Iterable[Check]) -> list[str]:
     return [
-        f"{', '.join(names)}: {check.name}: {check.found}. {check.way_out}".rstrip() for names, check in alike(checks)
+        f"{_who(names, check)}: {check.name}: {check.found}. {check.way_out}".rstrip() for names, check in alike(checks)
     ]
+
+
+def _who(names: list[str], check: Check) -> str:
+    """Return whom a check is about: one vehicle with its link, or several by name."""
+    return f"{check.vehicle} on {check.link}" if len(names) == 1 and check.link else ", ".join(names)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from drivers.errors import VehicleError
 from drivers.mavlink.checks import Check, Verdict
@@ -59,6 +60,7 @@ async def _examined(vehicle: Vehicle, expected: Expected, show: Show) -> tuple[V
         checks = [Check(vehicle.name, stage, Verdict.HARD, error.problem, error.way_out)]
     else:
         checks = list(check_vehicle(facts))
+    checks = [replace(check, link=str(vehicle.link.address)) for check in checks]
     for check in checks:
         show(check)
     return facts, checks

@@ -84,7 +84,7 @@ def test_a_hard_failure_ends_with_1_and_the_report_is_json_and_nothing_else(one_
     assert (report["playbook"], report["may_arm"]) == ("two", False)
     hard = [found for found in report["checks"] if found["verdict"] == "hard"]
     assert [(found["vehicle"], found["name"]) for found in hard] == [("U1", "geofence")]
-    assert hard[0].keys() == {"vehicle", "name", "verdict", "found", "way_out"}
+    assert hard[0].keys() == {"vehicle", "link", "name", "verdict", "found", "way_out"}
     assert {found["verdict"] for found in report["checks"]} <= {"passed", "soft", "hard"}
 
 

@@ -136,14 +136,14 @@ async def test_every_hard_failure_is_named_when_passing_is_required():
         ("L0", "geofence"),
         ("U1", "station failsafe"),
     }
-    assert "L0: geofence: FENCE_ALT_MAX 10" in str(caught.value)
+    assert "L0 on udpin:127.0.0.1:14550: geofence: FENCE_ALT_MAX 10" in str(caught.value)
 
 
 async def test_what_is_found_of_several_vehicles_is_one_line():
     turning = {"WP_YAW_BEHAVIOR": 2}
     report = await Preflight().add_all(L0=turning, U1=turning, L1={"GUID_TIMEOUT": 3}).run()
     lines = report.lines(SOFT)
-    assert [line.split(":")[0] for line in lines] == ["L0, U1", "L1"]
+    assert [line.split(": ")[0] for line in lines] == ["L0, U1", "L1 on udpin:127.0.0.1:14550"]
     assert lines[0] == (
         "L0, U1: heading: WP_YAW_BEHAVIOR 2 turns its nose where no setpoint holds it. "
         "For antenna arrays: WP_YAW_BEHAVIOR 0 and GUID_OPTIONS 4."
