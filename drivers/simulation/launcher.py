@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from drivers.errors import SimulationError
+from drivers.simulation.weather import CALM, SimulatedWeather, copter_parameters
 from planner.frames import GeodeticPosition
 
 _END_TIMEOUT_S = 2.0
@@ -42,16 +43,21 @@ class CopterSpec:
     port: int
     home: GeodeticPosition
     heading_deg: float = 0.0
+    weather: SimulatedWeather = CALM
+    station_id: int = 255
+    """The system id of the station whose heartbeats its failsafe counts."""
 
     def arguments(self, time: SimulatedTime, parent_pid: int) -> list[str]:
-        """Return the command line of its process, after the interpreter."""
+        """Return the command line of its process, after the interpreter. SimulationError for weather it has not."""
         at = self.home
         home = f"{at.latitude_deg:.9f},{at.longitude_deg:.9f},{at.altitude_m:.3f},{self.heading_deg:g}"
+        told = {"SYSID_MYGCS": self.station_id, **copter_parameters(self.weather)}
+        parameters = (*_SILENT_UNTIL_ASKED, *(f"{name}={value:g}" for name, value in told.items()))
         return [
             *("-m", "drivers.simulation.copter", "--name", self.name, "--system-id", str(self.system_id)),
-            *("--link", f"udpout:127.0.0.1:{self.port}", f"--home={home}"),
+            *("--link", f"udpout:127.0.0.1:{self.port}", f"--home={home}", "--seed", str(self.system_id)),
             *("--parent-pid", str(parent_pid), *time.arguments()),
-            *(word for parameter in _SILENT_UNTIL_ASKED for word in ("--param", parameter)),
+            *(word for parameter in parameters for word in ("--param", parameter)),
         ]
 
 
@@ -99,8 +105,7 @@ class ProcessGroup:
         """Return while a process runs; SimulationError with its last words when it has ended."""
         process = self.processes[name]
         if process.returncode is not None:
-            said = (self.log_dir / f"{name}.log").read_text(errors="replace").strip().splitlines()
-            words = said[-1] if said else "it said nothing"
+            words = last_words(self.log_dir / f"{name}.log")
             raise SimulationError(f"the process of {name} ended with status {process.returncode}: {words}")
 
     async def end(self) -> None:
@@ -124,6 +129,15 @@ async def process_group(log_dir: Path) -> AsyncIterator[ProcessGroup]:
         yield group
     finally:
         await group.end()
+
+
+def last_words(log: Path) -> str:
+    """Return the last line of a process's log."""
+    try:
+        said = log.read_text(errors="replace").strip().splitlines()
+    except OSError:
+        said = []
+    return said[-1] if said else "it said nothing"
 
 
 def free_tcp_port() -> int:

@@ -12,6 +12,7 @@ from typing import Final
 
 from drivers.errors import SimulationError
 from drivers.simulation.launcher import ProcessGroup
+from drivers.simulation.weather import CALM, SimulatedWeather, arducopter_parameters, px4_parameters
 from planner.frames import GeodeticPosition
 
 PX4_OFFBOARD_PORT: Final = 14540
@@ -27,14 +28,20 @@ class SitlVehicle:
     system_id: int
     port: int
     home: GeodeticPosition
+    weather: SimulatedWeather = CALM
+    station_id: int = 255
+    """The system id of the station whose heartbeats its failsafe counts."""
+    speedup: float = 1.0
+    """How fast it starts; whoever starts it faster than real time waits with `sitl_readiness.until_ready`."""
 
 
 @dataclass(frozen=True)
 class SitlCommand:
-    """What starts the simulator of one vehicle, in a folder of its own."""
+    """What starts the simulator of one vehicle, in a folder of its own with these files."""
 
     arguments: tuple[str, ...]
     environment: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,9 +53,12 @@ class Sitl:
     """The environment variable that names the program."""
     documentation: str
     """How its makers install it."""
-    command: Callable[[Path, SitlVehicle], SitlCommand]
+    command: Callable[[Path, SitlVehicle, Path], SitlCommand]
+    """Returns what starts a program for a vehicle in a folder."""
     port: Callable[[int], int]
     """The port it speaks to for a system id; 0: any it is told."""
+    start_speedup: float = 1.0
+    """How much faster than real time it may be until its estimator is ready."""
 
     def find(self) -> Path:
         """Return the program. SimulationError when there is none, with how to get it."""
@@ -67,18 +77,20 @@ class Sitl:
 
         Its working directory is its own, beside its log: what an autopilot writes there would be read by the next one.
         """
-        command = self.command(self.find(), vehicle)
         folder = (group.log_dir / vehicle.name).absolute()
-        _make(folder)
+        command = self.command(self.find(), vehicle, folder)
+        _make(folder, command.files)
         tether = ["-m", "drivers.simulation.tethered", str(os.getpid())]
         paths = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
         environment = {"PYTHONPATH": paths, **command.environment}
         await group.start(vehicle.name, [*tether, *command.arguments], folder=folder, environment=environment)
 
 
-def _make(folder: Path) -> None:
+def _make(folder: Path, files: Mapping[str, str]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (folder / name).write_text(text)
     except OSError as error:
         raise SimulationError(f"the folder {folder} cannot be made: {error}") from error
 
@@ -89,27 +101,36 @@ def parameters(text: str) -> dict[str, str]:
     return {line[0]: line[1] for line in lines if line}
 
 
-def _arducopter(program: Path, vehicle: SitlVehicle) -> SitlCommand:
+def _arducopter(program: Path, vehicle: SitlVehicle, folder: Path) -> SitlCommand:
     at = vehicle.home
+    own = {
+        "SYSID_MYGCS": vehicle.station_id,
+        "MAV_GCS_SYSID": vehicle.station_id,  # its name from 4.7 on; an unknown name is skipped
+        **arducopter_parameters(vehicle.weather),
+    }
+    files = {"own.parm": "".join(f"{name} {value:g}\n" for name, value in own.items())}
+    defaults = f"{_parameter_file('arducopter_swarm.parm')},{folder.absolute() / 'own.parm'}"
     return SitlCommand(
         (
-            *(str(program), "--model", "+", "--speedup", "1", "--rate", "400", "--wipe"),
+            *(str(program), "--model", "+", "--speedup", f"{vehicle.speedup:g}", "--rate", "400", "--wipe"),
             *("-I", str(vehicle.system_id - 1), "--sysid", str(vehicle.system_id)),
             *("--home", f"{at.latitude_deg:.9f},{at.longitude_deg:.9f},{at.altitude_m:.3f},0"),
-            *("--defaults", str(_parameter_file("arducopter_swarm.parm"))),
+            *("--defaults", defaults),
             *("--serial0", f"udpclient:127.0.0.1:{vehicle.port}", "--serial1", "none", "--serial2", "none"),
-        )
+        ),
+        files=files,
     )
 
 
-def _px4(program: Path, vehicle: SitlVehicle) -> SitlCommand:
+def _px4(program: Path, vehicle: SitlVehicle, _folder: Path) -> SitlCommand:
     if vehicle.system_id > PX4_INSTANCES:
         raise SimulationError(f"PX4's simulator flies {PX4_INSTANCES} vehicles at most: {vehicle.name} is one more")
     etc = program.parent.parent / "etc"
     if not etc.is_dir():
         raise SimulationError(f"PX4's start-up files are not beside {program}: {etc} is no folder")
     at = vehicle.home
-    set_at_start = parameters(_parameter_file("px4_swarm.params").read_text())
+    weather = {name: f"{value:g}" for name, value in px4_parameters(vehicle.weather, program).items()}
+    set_at_start = parameters(_parameter_file("px4_swarm.params").read_text()) | weather
     return SitlCommand(
         (str(program), "-i", str(vehicle.system_id - 1), "-d", str(etc)),
         {
@@ -133,6 +154,7 @@ SITLS: Final[dict[str, Sitl]] = {
         documentation="https://ardupilot.org/dev/docs/building-the-code.html (./waf configure --board sitl copter)",
         command=_arducopter,
         port=lambda _system_id: 0,
+        start_speedup=10.0,  # its estimator takes 42 s
     ),
     "px4": Sitl(
         program_name="px4",

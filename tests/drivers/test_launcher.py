@@ -1,6 +1,7 @@
 """The launcher starts the processes of a run and ends exactly those."""
 
 import asyncio
+import itertools
 import os
 import signal
 import socket
@@ -17,6 +18,7 @@ from drivers.mavlink.link import open_link
 from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.launcher import CopterSpec, SimulatedTime, free_tcp_port, process_group, this_pid
+from drivers.simulation.weather import SimulatedWeather
 from planner.frames import GeodeticPosition
 
 PATIENCE_S = 10.0
@@ -70,6 +72,13 @@ def test_a_copters_command_line_carries_all_it_is_told():
     assert "--name U3 --system-id 3 --link udpout:127.0.0.1:14553" in line
     assert "--home=-35.363262000,149.165237000,584.000,90" in line
     assert "--parent-pid 77 --speedup 10 --epoch-ns 123" in line
+
+
+def test_a_copter_is_told_of_the_air_and_of_the_station_whose_heartbeats_count():
+    spec = CopterSpec("U3", 3, 14553, HOME, weather=SimulatedWeather(wind_mps=4.0), station_id=200)
+    words = spec.arguments(SimulatedTime(1.0, 0), parent_pid=77)
+    told = [word for option, word in itertools.pairwise(words) if option == "--param"]
+    assert {"SIM_WIND_SPD=4", "SYSID_MYGCS=200"} <= set(told)
 
 
 def test_a_free_port_can_be_listened_on():

@@ -1,4 +1,4 @@
-"""A field in miniature for faults: the real command against three copters, with a tap on the wire to one of them.
+"""A field in miniature for faults: the real command against three copters, with a tap on the wire to each of them.
 
 Everything is a process of its own and runs in real time: the bus router, the sensors, the copters and the service. The
 service attaches to them by links in its playbook, as it would to vehicles it did not start.
@@ -26,12 +26,20 @@ from drivers.aoa.simulated import SensorSettings
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import SensorFault, encode
 from drivers.bus.session import BusEndpoint, open_bus
+from drivers.clock import SystemClock
 from drivers.mavlink.codec import Codec, FrameSplitter, Message
+from drivers.mavlink.link import open_link
+from drivers.mavlink.transport import LinkAddress
+from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.launcher import CopterSpec, ProcessGroup, SimulatedTime, free_tcp_port, process_group
 from drivers.simulation.sitl import Sitl, SitlVehicle
+from drivers.simulation.sitl_readiness import until_all_ready
+from drivers.simulation.weather import CALM, SimulatedWeather
 from gcs.playbook.loader import load_playbook
-from planner.frames import GeodeticPosition, SiteFrame
+from gcs.simulated_vehicles import homes_of
+from planner.frames import GeodeticPosition
 
+HOST = "127.0.0.1"
 PLAYBOOK = """\
 playbook: 1
 name: field
@@ -42,9 +50,9 @@ transmitters:
 receivers:
   U1: {{start: [20, 30]}}
 vehicles:
-  L0: {{link: 'udpin:127.0.0.1:{l0}', system_id: 1}}
-  L1: {{link: 'udpin:127.0.0.1:{l1}', system_id: 2}}
-  U1: {{link: 'udpin:127.0.0.1:{u1}', system_id: 3}}
+  L0: {{link: 'udpin:127.0.0.1:{L0}', system_id: 1}}
+  L1: {{link: 'udpin:127.0.0.1:{L1}', system_id: 2}}
+  U1: {{link: 'udpin:127.0.0.1:{U1}', system_id: 3}}
 flight: {{altitude_m: 4, speed_mps: 4, give_up_s: 2, land_after: true}}
 bus: {{router: '{bus}'}}
 """
@@ -53,18 +61,22 @@ bus: {{router: '{bus}'}}
 class Wire(asyncio.DatagramProtocol):
     """A tap between one copter and the service: passes every datagram on and notes the velocities commanded."""
 
-    def __init__(self, service: tuple[str, int]) -> None:
+    def __init__(self, system_id: int, service: tuple[str, int]) -> None:
+        self.system_id = system_id
         self.armed: bool | None = None
         """What the copter's last heartbeat said."""
+        self.was_armed = False
         self.modes: list[tuple[float, int]] = []
         """(wall time, s; custom mode) of every heartbeat of the copter, when it was passed on."""
         self.kinematics: list[tuple[float, GeodeticPosition, float]] = []
         """(wall time, s; place; horizontal speed, m/s) as the copter told them."""
+        self.attitudes: list[tuple[float, float]] = []
+        """(roll, pitch), rad, as the copter told them; it has to be asked for them."""
         self.setpoints: list[float] = []
         """Wall time of every setpoint of whatever kind that the service sent, s."""
         self.velocities: list[tuple[float, float]] = []
         """(wall time, s; commanded horizontal speed, m/s) of every velocity setpoint the service sent."""
-        self._service = service
+        self.service = service
         self._copter: tuple[str, int] | None = None
         self._splitter = FrameSplitter()
         self._codec = Codec()
@@ -72,13 +84,14 @@ class Wire(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = transport
+        self.port = transport.get_extra_info("sockname")[1]
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        from_service = addr == self._service
+        from_service = addr == self.service
         if not from_service:
             self._copter = addr
         if self._copter is not None:
-            self.transport.sendto(data, self._copter if from_service else self._service)
+            self.transport.sendto(data, self._copter if from_service else self.service)
         for frame in self._splitter.datagram(data):
             message = self._codec.decode(frame)
             if message is not None and from_service:
@@ -86,11 +99,11 @@ class Wire(asyncio.DatagramProtocol):
             elif message is not None and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
                 self._note_telemetry(message)
 
-    def command(self, *parameters: float) -> None:
-        """Send DO_SET_MODE to the copter as a pilot's station beside the service."""
+    def command(self, *parameters: float, number: int = mavlink.MAV_CMD_DO_SET_MODE) -> None:
+        """Send a command to the copter as a pilot's station beside the service: a mode, unless it is another one."""
         assert self._copter is not None
         padded = (*parameters, *(0.0,) * (7 - len(parameters)))
-        message = mavlink.MAVLink_command_long_message(3, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, *padded)
+        message = mavlink.MAVLink_command_long_message(self.system_id, 1, number, 0, *padded)
         self.transport.sendto(message.pack(self._pilot), self._copter)
 
     def _note_command(self, message: Message) -> None:
@@ -102,10 +115,13 @@ class Wire(asyncio.DatagramProtocol):
     def _note_telemetry(self, message: Message) -> None:
         if message.get_type() == "HEARTBEAT":
             self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.was_armed = self.was_armed or self.armed
             self.modes.append((time.monotonic(), message.custom_mode))
         elif message.get_type() == "GLOBAL_POSITION_INT":
             place = GeodeticPosition(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
             self.kinematics.append((time.monotonic(), place, math.hypot(message.vx, message.vy) * 0.01))
+        elif message.get_type() == "ATTITUDE":
+            self.attitudes.append((message.roll, message.pitch))
 
     def error_received(self, exc: Exception) -> None:
         """The service has gone: nothing to do."""
@@ -116,11 +132,17 @@ class Field:
     """The running field."""
 
     group: ProcessGroup
-    wire: Wire
+    wires: dict[str, Wire]
+    """The taps, by the names of the vehicles."""
     endpoint: str
     service: asyncio.subprocess.Process
     runs_dir: Path
     lines: list[str] = field(default_factory=list)
+
+    @property
+    def wire(self) -> Wire:
+        """The tap on the wire to the receiver."""
+        return self.wires["U1"]
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         deadline_s = time.monotonic() + timeout_s
@@ -160,41 +182,51 @@ class Field:
 
 
 @contextlib.asynccontextmanager
-async def open_field(folder: Path, sitl: Sitl | None = None) -> AsyncIterator[Field]:
-    """Open the field, on embedded copters or a real autopilot, and fly; everything in it ends with the block."""
-    loop = asyncio.get_running_loop()
-    spoken_to = [0 if sitl is None else sitl.port(system_id) for system_id in (1, 2, 3)]
-    ports = {"l0": spoken_to[0] or free_udp_port(), "l1": spoken_to[1] or free_udp_port(), "u1": free_udp_port()}
+async def open_field(
+    folder: Path,
+    sitl: Sitl | None = None,
+    options: tuple[str, ...] = (),
+    change: Callable[[str], str] = str,
+    weather: SimulatedWeather = CALM,
+) -> AsyncIterator[Field]:
+    """Open the field, on embedded copters or a real autopilot, and fly; everything in it ends with the block.
+
+    `change` is done to the playbook that the service flies by.
+    """
+    ports = {name: free_udp_port() for name in ("L0", "L1", "U1")}
     endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
     path = folder / "field.yaml"
     path.write_text(PLAYBOOK.format(bus=endpoint, **ports))
     playbook = load_playbook(path)
-    site, frame = SiteFrame(playbook.site.origin), playbook.site.frame
-    wire = Wire(("127.0.0.1", ports["u1"]))
-    transport, _ = await loop.create_datagram_endpoint(lambda: wire, local_addr=("127.0.0.1", spoken_to[2]))
-    tapped = {**ports, "u1": transport.get_extra_info("sockname")[1]}
+    path.write_text(change(path.read_text()))
     time_now = SimulatedTime(1.0, time.time_ns())
-    async with process_group(folder) as group:
+    async with contextlib.AsyncExitStack() as stack:
+        wires = {name: Wire(system_id, (HOST, ports[name])) for system_id, name in enumerate(ports, start=1)}
+        for wire in wires.values():
+            await _tap(stack, wire, 0 if sitl is None else sitl.port(wire.system_id))
+        group = await stack.enter_async_context(process_group(folder))
         await group.start("router", ["-m", "drivers.bus.router", endpoint, "--parent-pid", str(os.getpid())])
-        for system_id, (name, start) in enumerate(playbook.uavs.items(), start=1):
-            home = site.to_geodetic(frame.to_site(start))
-            port = tapped[name.lower()]
+        for name, home in homes_of(playbook).items():
+            system_id, port = wires[name].system_id, wires[name].port
             if sitl is None:
-                await group.start(name, CopterSpec(name, system_id, port, home).arguments(time_now, os.getpid()))
+                copter = CopterSpec(name, system_id, port, home, weather=weather)
+                await group.start(name, copter.arguments(time_now, os.getpid()))
             else:
-                await sitl.start(SitlVehicle(name, system_id, port, home), group)
+                await sitl.start(SitlVehicle(name, system_id, port, home, weather, speedup=sitl.start_speedup), group)
         settings = SensorSettings(
             swarm="field", endpoint=endpoint, receivers=["U1"], beacons={}, sigma_rad=math.radians(0.1), rate_hz=10.0,
             latency_s=0.1, drop_out=0.0, seed=1, speedup=1.0, epoch_ns=time_now.epoch_ns, parent_pid=os.getpid(),
         )  # fmt: skip
         await asyncio.sleep(1.0)  # the router has to listen before the sensors look for it
         await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))
+        if sitl is not None:
+            await _made_ready(sitl, wires, group)
         service = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "gcs.cli", "fly", str(path), "--runs-dir", str(folder / "runs")),
+            *(sys.executable, "-m", "gcs.cli", "fly", str(path), "--runs-dir", str(folder / "runs"), *options),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
         )
-        running = Field(group, wire, endpoint, service, folder / "runs")
+        running = Field(group, wires, endpoint, service, folder / "runs")
         reader = asyncio.create_task(_read_lines(service, running.lines))
         try:
             yield running
@@ -203,7 +235,23 @@ async def open_field(folder: Path, sitl: Sitl | None = None) -> AsyncIterator[Fi
                 service.kill()
             await service.wait()
             await reader
-            transport.close()
+
+
+async def _tap(stack: contextlib.AsyncExitStack, wire: Wire, port: int) -> None:
+    """Put a tap where a vehicle speaks to; it is taken away with the stack."""
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(lambda: wire, local_addr=(HOST, port))
+    stack.callback(transport.close)
+
+
+async def _made_ready(sitl: Sitl, wires: dict[str, Wire], group: ProcessGroup) -> None:
+    """Wait, in the place of the service, until real autopilots can fly."""
+    async with contextlib.AsyncExitStack() as stack:
+        clock, vehicles = SystemClock(), {}
+        for name, wire in wires.items():
+            link = await stack.enter_async_context(open_link(LinkAddress("udpin", *wire.service), Codec(), clock))
+            vehicles[name] = Vehicle(name, wire.system_id, link, clock)
+        await until_all_ready(sitl, vehicles, group.require_running)
 
 
 async def _read_lines(process: asyncio.subprocess.Process, lines: list[str]) -> None:
@@ -214,5 +262,5 @@ async def _read_lines(process: asyncio.subprocess.Process, lines: list[str]) -> 
 
 def free_udp_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

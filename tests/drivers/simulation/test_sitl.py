@@ -14,8 +14,10 @@ import pytest
 from drivers.errors import SimulationError
 from drivers.simulation.launcher import process_group
 from drivers.simulation.sitl import SITLS, SitlVehicle, parameters
+from drivers.simulation.weather import SimulatedWeather
 from planner.frames import GeodeticPosition
 
+FOLDER = Path("/runs/logs/U3")
 HOME = GeodeticPosition(-35.363262, 149.165237, 584.0)
 CONFIGS = Path("sitl_configs")
 PROGRAM = '#!/bin/sh\necho "in $(basename $PWD) with $*"; env | grep ^PX4_ | sort; exec sleep 30\n'
@@ -62,23 +64,40 @@ def test_without_a_program_the_error_says_how_to_get_one_and_what_flies_without(
 
 
 def test_arducopter_s_command_line_carries_all_it_is_told():
-    command = SITLS["ardupilot"].command(Path("/opt/arducopter"), SitlVehicle("U3", 3, 14553, HOME))
+    command = SITLS["ardupilot"].command(Path("/opt/arducopter"), SitlVehicle("U3", 3, 14553, HOME), FOLDER)
     line = " ".join(command.arguments)
     assert line.startswith("/opt/arducopter --model + --speedup 1 ")
     assert "-I 2 --sysid 3" in line
     assert "--home -35.363262000,149.165237000,584.000,0" in line
     assert "--serial0 udpclient:127.0.0.1:14553" in line
-    defaults = Path(command.arguments[command.arguments.index("--defaults") + 1])
-    assert defaults.is_file()
+    swarm, own = command.arguments[command.arguments.index("--defaults") + 1].split(",")
+    assert Path(swarm).is_file()
+    assert own == "/runs/logs/U3/own.parm"
     assert command.environment == {}
 
 
+def test_arducopter_s_failsafe_counts_this_station_s_heartbeats_in_every_version_and_the_air_is_as_asked_for():
+    weather = SimulatedWeather(wind_mps=5.0)
+    vehicle = SitlVehicle("U3", 3, 14553, HOME, weather, station_id=200, speedup=10.0)
+    command = SITLS["ardupilot"].command(Path("/opt/arducopter"), vehicle, FOLDER)
+    own = parameters(command.files["own.parm"])
+    assert own["SYSID_MYGCS"] == own["MAV_GCS_SYSID"] == "200"
+    assert own["SIM_WIND_SPD"] == "5"
+    assert "--speedup 10 " in " ".join(command.arguments)
+
+
 def test_px4_gets_its_instance_its_place_and_its_parameters(program):
-    command = SITLS["px4"].command(program, SitlVehicle("U3", 3, 14542, HOME))
+    command = SITLS["px4"].command(program, SitlVehicle("U3", 3, 14542, HOME), FOLDER)
     assert command.arguments == (str(program), "-i", "2", "-d", str(program.parent.parent / "etc"))
     assert command.environment["PX4_SIM_MODEL"] == "sihsim_quadx"
     assert command.environment["PX4_HOME_LAT"] == "-35.363262000"
     assert command.environment["PX4_PARAM_COM_OBL_RC_ACT"] == "5"
+
+
+def test_a_px4_that_simulates_wind_is_told_of_it(program):
+    program.write_text(f"{PROGRAM}# SIH_WIND_N")
+    vehicle = SitlVehicle("U3", 3, 14542, HOME, SimulatedWeather(wind_mps=5.0))
+    assert SITLS["px4"].command(program, vehicle, FOLDER).environment["PX4_PARAM_SIH_WIND_N"] == "5"
 
 
 def test_px4_speaks_to_a_port_of_its_own_choice_and_arducopter_to_any():
@@ -88,13 +107,13 @@ def test_px4_speaks_to_a_port_of_its_own_choice_and_arducopter_to_any():
 
 def test_more_vehicles_than_px4_has_ports_for_are_refused(program):
     with pytest.raises(SimulationError, match="10 vehicles at most: U11 is one more"):
-        SITLS["px4"].command(program, SitlVehicle("U11", 11, 14549, HOME))
+        SITLS["px4"].command(program, SitlVehicle("U11", 11, 14549, HOME), FOLDER)
 
 
 def test_a_px4_without_its_start_up_files_says_where_they_should_be(program):
     (program.parent.parent / "etc").rmdir()
     with pytest.raises(SimulationError, match=r"start-up files are not beside .*/etc is no folder"):
-        SITLS["px4"].command(program, SitlVehicle("U1", 1, 14540, HOME))
+        SITLS["px4"].command(program, SitlVehicle("U1", 1, 14540, HOME), FOLDER)
 
 
 @pytest.mark.parametrize("path", [*CONFIGS.glob("*.parm"), *CONFIGS.glob("*.params")], ids=lambda path: path.name)
@@ -112,6 +131,14 @@ def test_both_autopilots_stop_by_themselves_a_second_after_the_last_setpoint():
     assert float(copter["GUID_TIMEOUT"]) == float(px4["COM_OF_LOSS_T"]) == 1.0
     assert px4["COM_OBL_RC_ACT"] == "5"
     assert copter["SYSID_MYGCS"] == "255"
+
+
+@pytest.mark.slow
+async def test_a_vehicle_finds_its_own_parameters_in_its_folder(monkeypatch, program, tmp_path):
+    monkeypatch.setenv("ARDUCOPTER", str(program))
+    async with process_group(tmp_path) as group:
+        await SITLS["ardupilot"].start(SitlVehicle("U1", 1, 14601, HOME), group)
+        assert "SYSID_MYGCS 255\n" in (tmp_path / "U1" / "own.parm").read_text()
 
 
 @pytest.mark.slow
