@@ -1,19 +1,13 @@
 """The stop-condition monitor of one leg: bearings in, stop decisions out. No position ever enters it.
 
-The leg is a line through its guide. Where the receiver is on it is described by the distance to go s and the
-cross-track error e (positive to the left), so that its place is E - u s + i u e with E the leg's end and u the unit
-vector of flight. An extended Kalman filter follows (s, e) and their rates from two measured angles: the subtended
-angle of the stop reference, which gives s, and the direction of the guide, which gives e. Between reports it carries
-on with what was commanded, as the vehicle answers to commands.
-
-The leg ends when the filtered s, which is zero where the subtended angle equals the stop angle, has stayed within a
-band for a dwell: never on one sample.
+The leg is a line through its guide, and ends where the subtended angle of its stop reference equals the stop angle.
+Where the receiver is on it follows from the measured directions and from what was commanded (`leg_filter`). The leg
+ends when the place at which the receiver would come to rest has stayed within a band about that end for a dwell: never
+on one sample, and neither before the end nor beyond it.
 """
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -21,47 +15,34 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.angles import wrap
+from gcs.relay.leg_filter import LegFilter, Unrest, Whereabouts
+from gcs.relay.response import Agility
 from planner.plan import Leg
 
-COMMAND_DELAY_S: Final = 0.24
-"""From a setpoint to the first motion, as measured on ArduCopter."""
-RESPONSE_TIME_S: Final = 0.5
-"""Time constant with which the speed then follows."""
-HOVER_NOISE: Final = 0.15
-SPEED_NOISE_PER_MPS: Final = 0.1
-"""How far the true motion strays from that, m/s per square root of a second: in hover, and more with each m/s."""
-_INITIAL_SPEED_SIGMA_MPS: Final = 0.3
-
-OUTLIER_SIGMAS: Final = 5.0
-_DOUBT: Final = np.diag([0.1**2, 0.1**2, 0.5**2, 0.5**2])
-"""What each outlier adds to the covariance, m^2 and m^2/s^2: reports that keep agreeing with each other win."""
-_NEAREST_M: Final = 0.5
+_OF_SIGMA: Final = 0.25
+"""The band is no narrower than this share of what the filter can tell: nearer is luck."""
+_SWAYS: Final = 2.0
+_UNDER_WAY_MPS: Final = 0.5
 _NEAR_M: Final = 1.5
 _PATIENCE_S: Final = 8.0
 """A vehicle that flies what it is told comes from near to arrived in less."""
 _WIDENING_MPS: Final = 0.1
-_COMMANDS_KEPT: Final = 50
-
-State = NDArray[np.float64]
-"""(s, e, rate of progress, rate of e): m and m/s; the rate of progress is positive while s shrinks."""
 
 
 @dataclass(frozen=True)
 class ArrivalRule:
-    """When a leg counts as ended: how near, for how long, and whether it must also be on its line.
-
-    The band is never narrower than what the filter can tell; staying within it for the dwell is being slow.
-    """
+    """When a leg counts as ended: how near to its end, for how long, and whether also on its line."""
 
     band_m: float
     dwell_s: float
     on_line: bool
     widest_m: float = 0.0
     """What the band widens to for a vehicle that has been near for a while and does not hold still better."""
+    sway_m: float = 0.3
+    """How far from there the vehicle itself may be, in calm air: it runs on before it returns."""
 
 
-TURN = ArrivalRule(band_m=0.3, dwell_s=0.3, on_line=False, widest_m=0.6)
+TURN = ArrivalRule(band_m=0.15, dwell_s=0.3, on_line=False, widest_m=0.6, sway_m=1.0)
 """For a leg whose end is a turning point: the next leg takes out what is left."""
 SLOT = ArrivalRule(band_m=0.1, dwell_s=1.0, on_line=True, widest_m=0.6)
 """For the leg that ends in the slot."""
@@ -79,9 +60,10 @@ class LegEstimate:
 
 @dataclass
 class StopMonitor:
-    """Follows one leg. `transmitters` are the known places of its guide and stop reference, formation frame, m.
+    """Follows one leg. `transmitters` are the known places of all it may hear, formation frame, m.
 
-    `start` and `start_covariance` (m^2) are the receiver's located place, `time_s` when it was there.
+    `start` and `start_covariance` (m^2) are the receiver's located place, `time_s` when it was there. `place_sigma_m`
+    says how well the places of transmitters are known, per axis; nothing said: exactly.
     """
 
     leg: Leg
@@ -90,78 +72,91 @@ class StopMonitor:
     start_covariance: NDArray[np.float64]
     time_s: float
     rule: ArrivalRule
+    place_sigma_m: Mapping[str, float] = field(default_factory=dict)
+    north_sigma_rad: float = 0.0
     outliers: int = 0
-    _state: State = field(init=False)
-    _covariance: NDArray[np.float64] = field(init=False)
-    _commands: deque[tuple[float, float, float]] = field(
-        default_factory=lambda: deque(maxlen=_COMMANDS_KEPT), init=False
-    )
+    """Directions that did not agree with the others and with the motion."""
+    stuck: bool = False
+    """Whether the last report was the one before once more, from a receiver under way."""
+    _last: dict[str, float] = field(default_factory=dict, init=False)
     _within_since_s: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         towards_guide = self.transmitters[self.leg.guide] - self.leg.end
         self.course = towards_guide / abs(towards_guide) * (1.0 if self.leg.direction == "towards" else -1.0)
-        offset = (self.start - self.leg.end) / self.course
-        self._state = np.array([-offset.real, offset.imag, 0.0, 0.0])
-        to_leg = _leg_axes(self.course).T
-        self._covariance = np.diag([0.0, 0.0, _INITIAL_SPEED_SIGMA_MPS**2, _INITIAL_SPEED_SIGMA_MPS**2])
-        self._covariance[:2, :2] = to_leg @ self.start_covariance @ to_leg.T
-        self._state_time_s = self._near_since_s = self.time_s
-
-    def commanded(self, time_s: float, along_mps: float, across_mps: float) -> None:
-        """Note the velocity commanded from `time_s` on: along the leg, and to its left."""
-        self._commands.append((time_s, along_mps, across_mps))
-
-    def observe(self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]) -> bool:
-        """Take in the directions (polar, formation frame) of one report; False when it was rejected as an outlier.
-
-        The report must hold the guide and both transmitters of the stop reference.
-        """
-        if captured_s > self._state_time_s:
-            self._state, self._covariance = self._carried_on(captured_s)
-            self._state_time_s = captured_s
-        first, second = self.leg.stop_reference
-        guide = self.leg.guide
-        expected, jacobian = self._expected()
-        innovation = np.array(
-            [
-                wrap(directions_rad[second] - directions_rad[first] - expected[0]),
-                wrap(directions_rad[guide] - expected[1]),
-            ]
+        self._near_since_s = self.time_s
+        self._filter = LegFilter(
+            self.leg.end,
+            self.course,
+            self.transmitters,
+            self.place_sigma_m,
+            self.start,
+            self.start_covariance,
+            self.time_s,
+            Agility(),
+            Unrest(),
+            self.north_sigma_rad,
         )
-        noise = _angle_covariance(self.leg, sigma_rad)
-        spread = jacobian @ self._covariance @ jacobian.T + noise
-        if np.any(np.abs(innovation) > OUTLIER_SIGMAS * np.sqrt(np.diag(spread))):
-            self.outliers += 1
-            self._covariance = self._covariance + _DOUBT
-            return False
-        gain = np.linalg.solve(spread, jacobian @ self._covariance).T
-        self._state = self._state + gain @ innovation
-        reduced = np.eye(4) - gain @ jacobian
-        self._covariance = reduced @ self._covariance @ reduced.T + gain @ noise @ gain.T
-        return True
+
+    def commanded(self, time_s: float, velocity: complex) -> None:
+        """Note the velocity commanded from `time_s` on, m/s: along the leg, and to its left."""
+        self._filter.commanded(time_s, velocity)
+
+    def observe(
+        self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]
+    ) -> frozenset[str]:
+        """Take in the directions of one report, polar, formation frame; return whose directions agree.
+
+        They agree with each other and with the motion. From a receiver under way, a report whose directions are those
+        of the one before is no news, whatever its time says: the sensor is stuck.
+        """
+        known = {name: direction for name, direction in directions_rad.items() if name in self.transmitters}
+        self.stuck = len(known) > 1 and known == self._last and self._filter.speed_mps > _UNDER_WAY_MPS
+        self._last = known
+        if self.stuck:
+            return frozenset()
+        agreeing = self._filter.observe(captured_s, known, sigma_rad)
+        self.outliers += len(known) - len(agreeing)
+        return agreeing
 
     @property
     def dwelling(self) -> bool:
         """Whether the stop condition held when it was last asked for."""
         return self._within_since_s is not None
 
-    def estimate(self, now_s: float) -> LegEstimate:
-        """Return where the receiver is by `now_s`, carried on from the last report with what was commanded."""
-        state, covariance = self._carried_on(max(now_s, self._state_time_s))
-        remaining, cross_track, progress, _ = (float(value) for value in state)
-        return LegEstimate(remaining, cross_track, progress, math.sqrt(max(float(covariance[0, 0]), 0.0)))
+    def whereabouts(self, now_s: float) -> Whereabouts:
+        """Return where the receiver is by `now_s`, and where it would come to rest.
 
-    def arrived(self, now_s: float) -> bool:
+        It is carried on from the last report with what was commanded.
+        """
+        return self._filter.whereabouts(now_s)
+
+    def estimate(self, now: Whereabouts) -> LegEstimate:
+        """Return the same in the words of the leg."""
+        return LegEstimate(-now.seen.real, now.seen.imag, now.velocity.real, now.sigma_m)
+
+    def arrived(self, now: Whereabouts) -> bool:
         """Return whether the stop condition holds: near, without a break, for the dwell."""
-        estimate = self.estimate(now_s)
-        off_m = max(abs(estimate.remaining_m), abs(estimate.cross_track_m) if self.rule.on_line else 0.0)
-        if off_m > max(self._band_m(off_m, now_s), estimate.remaining_sigma_m):
+        rule = self.rule
+        off_m = self._off_m(now.at_rest)
+        band_m = max(self._band_m(off_m, now.time_s), _OF_SIGMA * now.sigma_m)
+        if off_m > band_m or self._off_m(now.seen) > max(rule.sway_m, band_m, _SWAYS * now.sway_m, now.sigma_m):
             self._within_since_s = None
             return False
         if self._within_since_s is None:
-            self._within_since_s = now_s
-        return now_s - self._within_since_s >= self.rule.dwell_s
+            self._within_since_s = now.time_s
+        return now.time_s - self._within_since_s >= rule.dwell_s
+
+    def place(self) -> tuple[complex, NDArray[np.float64]]:
+        """Return the receiver's place at the last report, formation frame, m, and its covariance, m^2."""
+        return self._filter.place()
+
+    def standing_place(self) -> tuple[complex, NDArray[np.float64]]:
+        """Return the same of where it will stand once it has come to rest."""
+        return self._filter.standing_place()
+
+    def _off_m(self, place: complex) -> float:
+        return max(abs(place.real), abs(place.imag)) if self.rule.on_line else abs(place.real)
 
     def _band_m(self, off_m: float, now_s: float) -> float:
         """Return how near is near enough: the rule's band, widened for a vehicle that hovers about its end."""
@@ -169,73 +164,3 @@ class StopMonitor:
             self._near_since_s = now_s
         waited_s = max(0.0, now_s - self._near_since_s - _PATIENCE_S)
         return max(self.rule.band_m, min(self.rule.band_m + _WIDENING_MPS * waited_s, self.rule.widest_m))
-
-    def place(self) -> tuple[complex, NDArray[np.float64]]:
-        """Return the receiver's place at the last report, formation frame, m, and its covariance, m^2."""
-        to_formation = _leg_axes(self.course)
-        return self._place(), to_formation @ self._covariance[:2, :2] @ to_formation.T
-
-    def _place(self) -> complex:
-        return self.leg.end - self.course * complex(self._state[0], -self._state[1])
-
-    def _expected(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (subtended angle, guide direction) expected at the state, and their gradient by the state."""
-        place = self._place()
-        names = (*self.leg.stop_reference, self.leg.guide)
-        sights = [self.transmitters[name] - place for name in names]
-        sights = [sight if abs(sight) > _NEAREST_M else complex(_NEAREST_M) for sight in sights]
-        direction = [float(np.angle(sight)) for sight in sights]
-        by_s = [(self.course / sight).imag for sight in sights]
-        by_e = [(-1j * self.course / sight).imag for sight in sights]
-        jacobian = np.array(
-            [[by_s[1] - by_s[0], by_e[1] - by_e[0], 0.0, 0.0], [by_s[2], by_e[2], 0.0, 0.0]],
-        )
-        return np.array([direction[1] - direction[0], direction[2]]), jacobian
-
-    def _carried_on(self, until_s: float) -> tuple[State, NDArray[np.float64]]:
-        """Return state and covariance at a later time, the vehicle following its commands with delay and lag."""
-        state, covariance, at_s = self._state, self._covariance, self._state_time_s
-        for time_s, (along_mps, across_mps) in self._steps(at_s, until_s):
-            step_s = time_s - at_s
-            follow = 1.0 - math.exp(-step_s / RESPONSE_TIME_S)
-            kept = 1.0 - follow
-            moves = RESPONSE_TIME_S * follow
-            transition = np.array(
-                [[1.0, 0.0, -moves, 0.0], [0.0, 1.0, 0.0, moves], [0.0, 0.0, kept, 0.0], [0.0, 0.0, 0.0, kept]]
-            )
-            coasts = step_s - moves
-            driven = np.array([-coasts * along_mps, coasts * across_mps, follow * along_mps, follow * across_mps])
-            state = transition @ state + driven
-            stray = HOVER_NOISE + SPEED_NOISE_PER_MPS * math.hypot(along_mps, across_mps)
-            covariance = transition @ covariance @ transition.T
-            covariance[2, 2] += stray**2 * step_s
-            covariance[3, 3] += stray**2 * step_s
-            at_s = time_s
-        return state, covariance
-
-    def _steps(self, from_s: float, until_s: float) -> list[tuple[float, tuple[float, float]]]:
-        """Return (end of step, command in effect) for every piece of constant command between two times."""
-        steps: list[tuple[float, tuple[float, float]]] = []
-        effective = (0.0, 0.0)
-        for time_s, along_mps, across_mps in self._commands:
-            starts_s = time_s + COMMAND_DELAY_S
-            if starts_s >= until_s:
-                break
-            if starts_s > from_s:
-                steps.append((starts_s, effective))
-            effective = (along_mps, across_mps)
-        if until_s > from_s:
-            steps.append((until_s, effective))
-        return steps
-
-
-def _leg_axes(course: complex) -> NDArray[np.float64]:
-    """Return the orthogonal matrix from (s, e) to (x, y): its columns point back along the leg and to its left."""
-    return np.array([[-course.real, -course.imag], [-course.imag, course.real]])
-
-
-def _angle_covariance(leg: Leg, sigma_rad: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return the covariance of (subtended angle, guide direction); they share the guide's noise when it is in both."""
-    first, second = leg.stop_reference
-    shared = {second: 1.0, first: -1.0}.get(leg.guide, 0.0) * sigma_rad[leg.guide] ** 2
-    return np.array([[sigma_rad[first] ** 2 + sigma_rad[second] ** 2, shared], [shared, sigma_rad[leg.guide] ** 2]])

@@ -174,6 +174,11 @@ class LegFilter:
         covariance = _SEEN @ self._covariance[:6, :6] @ _SEEN.T
         return self._end + self._course * self._seen(), self._axes @ covariance @ self._axes.T
 
+    def standing_place(self) -> tuple[complex, Reals]:
+        """Return where it will stand once it has come to rest, formation frame, m, and the covariance, m^2."""
+        at_rest = self.whereabouts(self._time_s).at_rest
+        return self._end + self._course * at_rest, self._axes @ self._covariance[_HELD, _HELD] @ self._axes.T
+
     def _seen(self) -> complex:
         return self._response.place + self._response.overshoot + complex(*(self._state[_HELD] + self._state[_SWAY]))
 

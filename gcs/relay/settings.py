@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gcs.guidance import SpeedLimits
+from gcs.playbook.schema import Flight
 from planner.plan import Leg
 
 
@@ -24,6 +25,16 @@ class RelaySettings:
     """Without a usable bearing for this long: zero velocity."""
     give_up_s: float = 5.0
     """Without one for this long: HELD."""
+
+    @classmethod
+    def of(cls, flight: Flight, min_separation_m: float) -> RelaySettings:
+        """Return the settings that a playbook's `flight` section asks for."""
+        return cls(
+            limits=SpeedLimits(speed_mps=flight.speed_mps),
+            min_separation_m=min_separation_m,
+            placement_tolerance_m=flight.placement_tolerance_m,
+            give_up_s=flight.give_up_s,
+        )
 
     def longest_leg_s(self, leg: Leg) -> float:
         """Return the time after which a leg has gone wrong, s."""
