@@ -22,6 +22,7 @@ from gcs.commands.plan import plan
 from gcs.commands.report import report
 from gcs.commands.schema import schema
 from gcs.commands.sensor import sensor
+from gcs.commands.simulate import simulate
 from gcs.errors import ServiceError, leaves
 from planner.errors import PlannerError
 
@@ -33,7 +34,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(sitl.app, name="sitl")
-for command in (demo, plan, check, fly, control, report, sensor, schema, paper):
+for command in (demo, plan, check, fly, control, simulate, report, sensor, schema, paper):
     app.command()(command)
 app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(
     copter
