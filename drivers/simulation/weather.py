@@ -12,6 +12,8 @@ from drivers.errors import SimulationError
 _GPS_VELOCITY_PER_POSITION: Final = 5.0
 """1/s; ArduPilot's simulated GPS errs in velocity only: the estimate then strays by a fifth of that, up to 0.5 m."""
 _GPS_ACCURACY_M: Final = 0.3
+_WIND_FROM_M: Final = 2.0
+"""From here up it blows in full (by default from 60 m), and less below: with wind on the ground no landing is noticed."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ def arducopter_parameters(weather: SimulatedWeather) -> dict[str, float]:
     """Return the parameters of ArduCopter's simulator, by the names of 4.6 and of 4.7 where they differ."""
     if weather == CALM:
         return {}
-    told = {**_wind(weather), "SIM_WIND_T": 1.0}  # as fast near the ground as above: the default is 0.6 of it at 20 m
+    told = {**_wind(weather), "SIM_WIND_T_ALT": _WIND_FROM_M}
     if weather.gps_noise_m:
         velocity_mps = _GPS_VELOCITY_PER_POSITION * weather.gps_noise_m
         for gps in ("SIM_GPS", "SIM_GPS1"):

@@ -21,9 +21,7 @@ RESPONSE_S = 0.5
 LIMITS = SpeedLimits()
 
 
-def a_leg(
-    start: complex, end: complex, guide: str, reference: tuple[str, str] = ("L0", "L1")
-) -> Leg:
+def a_leg(start: complex, end: complex, guide: str, reference: tuple[str, str] = ("L0", "L1")) -> Leg:
     first, second = reference
     return make_leg(
         start,
@@ -49,22 +47,16 @@ class Flight:
         self.place = leg.start if start is None else start
         self.velocity = 0j
         self.time_s = 1000.0
-        self.monitor = StopMonitor(
-            leg, PLACES, leg.start, np.eye(2) * 0.5, self.time_s, rule
-        )
+        self.monitor = StopMonitor(leg, PLACES, leg.start, np.eye(2) * 0.5, self.time_s, rule)
 
     def directions(self) -> dict[str, float]:
         return {
-            name: wrap(
-                cmath.phase(at - self.place) + self.noise.gauss(0.0, self.sigma_rad)
-            )
+            name: wrap(cmath.phase(at - self.place) + self.noise.gauss(0.0, self.sigma_rad))
             for name, at in PLACES.items()
         }
 
     def observe(self, directions: dict[str, float]) -> frozenset[str]:
-        return self.monitor.observe(
-            self.time_s, directions, dict.fromkeys(PLACES, max(self.sigma_rad, 1e-4))
-        )
+        return self.monitor.observe(self.time_s, directions, dict.fromkeys(PLACES, max(self.sigma_rad, 1e-4)))
 
     def step(self, directions: dict[str, float] | None = None) -> bool:
         """One report, one command, one tenth of a second; True when the stop condition holds."""
@@ -76,11 +68,7 @@ class Flight:
             self.monitor.commanded(self.time_s, velocity)
             self.command = self.monitor.course * velocity
         for _ in range(10):
-            self.velocity += (
-                (self.command + self.stray() - self.velocity)
-                * (PERIOD_S / 10)
-                / RESPONSE_S
-            )
+            self.velocity += (self.command + self.stray() - self.velocity) * (PERIOD_S / 10) / RESPONSE_S
             self.place += self.velocity * PERIOD_S / 10
         self.time_s += PERIOD_S
         return False
@@ -140,9 +128,7 @@ def test_a_vehicle_that_cannot_hold_still_in_the_band_is_let_off_near_its_end() 
 def test_never_on_one_sample() -> None:
     """A single report that shows the stop angle, in the middle of the leg, does not end it."""
     leg = LEGS["away"]
-    flight = Flight(
-        leg, 0.05, 4, rule=ArrivalRule(band_m=5.0, dwell_s=0.3, on_line=False)
-    )
+    flight = Flight(leg, 0.05, 4, rule=ArrivalRule(band_m=5.0, dwell_s=0.3, on_line=False))
     for _ in range(20):
         assert not flight.step()
     at_the_end = {name: cmath.phase(at - leg.end) for name, at in PLACES.items()}
@@ -172,9 +158,7 @@ def test_a_multipath_jump_is_recognised_and_takes_no_other_bearing_along(
 
 @pytest.mark.parametrize("jump_deg", [9.0, 12.0, 45.0, 180.0])
 @pytest.mark.parametrize("sigma_deg", [0.1, 0.5, 1.0])
-def test_five_percent_of_multipath_jumps_cost_next_to_nothing(
-    sigma_deg: float, jump_deg: float
-) -> None:
+def test_five_percent_of_multipath_jumps_cost_next_to_nothing(sigma_deg: float, jump_deg: float) -> None:
     def off_m(share: float, seed: int) -> float:
         flight = Flight(LEGS["away"], sigma_deg, seed)
         jumps = random.Random(seed)
@@ -182,17 +166,12 @@ def test_five_percent_of_multipath_jumps_cost_next_to_nothing(
             directions = flight.directions()
             for name in directions:
                 if jumps.random() < share:
-                    directions[name] = wrap(
-                        directions[name]
-                        + jumps.choice((-1, 1)) * math.radians(jump_deg)
-                    )
+                    directions[name] = wrap(directions[name] + jumps.choice((-1, 1)) * math.radians(jump_deg))
             if flight.step(directions):
                 return abs(flight.place - flight.monitor.leg.end)
             assert flight.time_s < 1090.0
 
-    clean, hit = (
-        np.mean([off_m(share, seed) for seed in range(5)]) for share in (0.0, 0.05)
-    )
+    clean, hit = (np.mean([off_m(share, seed) for seed in range(5)]) for share in (0.0, 0.05))
     assert hit < 1.2 * clean + 0.1
 
 
@@ -233,9 +212,7 @@ def test_bearings_late_or_out_of_order_do_not_turn_time_back() -> None:
     for _ in range(10):
         flight.step()
     before = flight.monitor.whereabouts(flight.time_s)
-    flight.monitor.observe(
-        flight.time_s - 0.3, flight.directions(), dict.fromkeys(PLACES, 1e-3)
-    )
+    flight.monitor.observe(flight.time_s - 0.3, flight.directions(), dict.fromkeys(PLACES, 1e-3))
     after = flight.monitor.whereabouts(flight.time_s)
     assert after.seen == pytest.approx(before.seen, abs=0.5)
 
@@ -250,10 +227,7 @@ def test_without_reports_the_estimate_follows_the_command_and_grows_unsure() -> 
     flight = Flight(LEGS["away"], 0.1, 8)
     flight.observe(flight.directions())
     flight.monitor.commanded(flight.time_s, 2.0 + 0j)
-    soon, later = (
-        flight.monitor.estimate(flight.monitor.whereabouts(flight.time_s + after))
-        for after in (0.5, 5.0)
-    )
+    soon, later = (flight.monitor.estimate(flight.monitor.whereabouts(flight.time_s + after)) for after in (0.5, 5.0))
     assert soon.remaining_m - later.remaining_m == pytest.approx(2.0 * 4.5, rel=0.2)
     assert later.progress_mps == pytest.approx(2.0, abs=0.1)
     assert later.remaining_sigma_m > soon.remaining_sigma_m
@@ -274,25 +248,17 @@ def test_a_transmitter_that_may_stand_elsewhere_makes_the_place_unsure() -> None
     leg = LEGS["away"]
     sigmas = []
     for place_sigma_m in (0.0, 1.0):
-        monitor = StopMonitor(
-            leg, PLACES, leg.end, np.eye(2), 1000.0, SLOT, {"L1": place_sigma_m}
-        )
+        monitor = StopMonitor(leg, PLACES, leg.end, np.eye(2), 1000.0, SLOT, {"L1": place_sigma_m})
         for k in range(100):
-            directions = {
-                name: cmath.phase(PLACES[name] - leg.end) for name in ("L0", "L1")
-            }
-            monitor.observe(
-                1000.0 + k * PERIOD_S, directions, dict.fromkeys(PLACES, 1e-3)
-            )
+            directions = {name: cmath.phase(PLACES[name] - leg.end) for name in ("L0", "L1")}
+            monitor.observe(1000.0 + k * PERIOD_S, directions, dict.fromkeys(PLACES, 1e-3))
         sigmas.append(math.sqrt(float(np.linalg.eigvalsh(monitor.place()[1])[-1])))
     assert sigmas[0] < 0.15
     assert 0.5 < sigmas[1] < 1.5
 
 
 @pytest.mark.parametrize(("rule", "ends"), [(TURN, True), (SLOT, False)])
-def test_a_turning_point_may_be_passed_off_the_line_a_slot_may_not(
-    rule: ArrivalRule, ends: bool
-) -> None:
+def test_a_turning_point_may_be_passed_off_the_line_a_slot_may_not(rule: ArrivalRule, ends: bool) -> None:
     leg = LEGS["away"]
     beside = leg.end + 1j * leg.end / abs(leg.end)
     monitor = StopMonitor(leg, PLACES, beside, np.eye(2) * 1e-4, 1000.0, rule)

@@ -31,7 +31,7 @@ def sitl(request: pytest.FixtureRequest) -> Sitl | None:
     return SITLS[request.param]
 
 
-async def test_a_hovering_vehicle_leans_into_the_wind_and_the_relay_forms(sitl: Sitl | None, tmp_path: Path) -> None:
+async def test_a_hovering_vehicle_leans_into_the_wind_and_the_relay_forms_and_lands(sitl: Sitl | None, tmp_path: Path) -> None:
     from_north = SimulatedWeather(wind_mps=8.0, wind_from_rad=0.0)
     async with open_field(tmp_path, sitl, weather=from_north) as field:
         await field.until(lambda: "U1 LEG_1" in field.said(), 90.0)
@@ -42,8 +42,7 @@ async def test_a_hovering_vehicle_leans_into_the_wind_and_the_relay_forms(sitl: 
         print(f"mean roll {roll_deg:.1f}, pitch {pitch_deg:.1f} degrees")
         assert pitch_deg < -8.0
         assert abs(roll_deg) < 5.0
-        await field.until(lambda: "U1 PLACED" in field.said(), 90.0)
-        assert await field.ended(60.0) == 0, field.said()
+        assert await field.ended(120.0) == 0
         error_m = field.report()["receivers"][0]["placement_error_m"]
         print(f"placement error {error_m:.2f} m")
         assert error_m < 1.0

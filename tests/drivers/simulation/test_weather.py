@@ -31,9 +31,9 @@ def test_an_embedded_copter_s_exact_position_is_no_silent_substitute_for_a_noisy
         copter_parameters(SimulatedWeather(gps_noise_m=0.5))
 
 
-def test_arducopter_s_wind_is_as_strong_near_the_ground():
+def test_arducopter_s_wind_is_in_full_at_every_altitude_that_is_flown():
     told = arducopter_parameters(WINDY)
-    assert told["SIM_WIND_T"] == 1.0
+    assert told["SIM_WIND_T_ALT"] == 2.0
     assert told["SIM_WIND_SPD"] == 6.0
     assert told["SIM_WIND_DIR"] == pytest.approx(120.0)
 
