@@ -1,6 +1,7 @@
 """Every frame is in the .tlog as pymavlink reads it, and no disk, full or slow, is felt by the flight."""
 
 import asyncio
+import contextlib
 import io
 import logging
 import resource
@@ -124,30 +125,36 @@ async def test_records_reach_the_disk_while_the_flight_goes_on(clock, tmp_path):
         assert len(read(path)) == 1
 
 
-@pytest.fixture
+@contextlib.contextmanager
 def nearly_full():
-    """Writing past the 20,000th byte of any file fails, as on a full disk."""
+    """Writing past the 20,000th byte of any file fails, as on a full disk: pytest's own report too, so not for long."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-async def test_a_full_disk_ends_the_recording_loudly_once_and_leaves_whole_records(
-    clock, tmp_path, caplog, nearly_full
-):
+async def fill(tlogs):
+    """Record on two links until the disk is full, and go on."""
+    log, other = tlogs.of(ADDRESS), tlogs.of("tcp:a:1")
+    waited = threading.Event()
+    sent = 0
+    while tlogs.recording and sent < 20_000:
+        log.received(heartbeat(sent))
+        waited.wait(0.0005)
+        sent += 1
+    assert not tlogs.recording
+    for _ in range(1000):
+        log.received(heartbeat(0))
+        other.sent(bytes(heartbeat(0)))
+
+
+async def test_a_full_disk_ends_the_recording_loudly_once_and_leaves_whole_records(clock, tmp_path, caplog):
     async with open_tlogs(tmp_path, clock, TlogLimits(flush_period_s=0.001)) as tlogs:
-        log, other = tlogs.of(ADDRESS), tlogs.of("tcp:a:1")
-        waited = threading.Event()
-        sent = 0
-        while tlogs.recording and sent < 20_000:
-            log.received(heartbeat(sent))
-            waited.wait(0.0005)
-            sent += 1
-        assert not tlogs.recording
-        for _ in range(1000):
-            log.received(heartbeat(0))
-            other.sent(bytes(heartbeat(0)))
+        with nearly_full():
+            await fill(tlogs)
     assert "recording has ended: File too large" in tlogs.problem
     assert [record.levelno for record in caplog.records] == [logging.ERROR]
     assert caplog.records[0].message == f"{tlogs.problem}. The flight goes on"
