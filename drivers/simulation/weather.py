@@ -13,7 +13,7 @@ _GPS_VELOCITY_PER_POSITION: Final = 5.0
 """1/s; ArduPilot's simulated GPS errs in velocity only: the estimate then strays by a fifth of that, up to 0.5 m."""
 _GPS_ACCURACY_M: Final = 0.3
 _WIND_FROM_M: Final = 2.0
-"""From here up it blows in full (by default from 60 m), and less below: with wind on the ground no landing is noticed."""
+"""From here up it blows in full, by default from 60 m; below it less: with wind on the ground no landing is noticed."""
 
 
 @dataclass(frozen=True)

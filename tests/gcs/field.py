@@ -15,7 +15,8 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from drivers.bus.session import BusEndpoint, open_bus
 from drivers.clock import SystemClock
 from drivers.mavlink.codec import Codec, FrameSplitter, Message
 from drivers.mavlink.link import open_link
+from drivers.mavlink.signing import SIGNED
 from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.launcher import CopterSpec, ProcessGroup, SimulatedTime, free_tcp_port, process_group
@@ -72,6 +74,8 @@ class Wire(asyncio.DatagramProtocol):
         """(wall time, s; place; horizontal speed, m/s) as the copter told them."""
         self.attitudes: list[tuple[float, float]] = []
         """(roll, pitch), rad, as the copter told them; it has to be asked for them."""
+        self.signed: dict[bool, Counter[bool]] = {True: Counter(), False: Counter()}
+        """By whether the service sent them: how many frames were signed, and how many were not."""
         self.setpoints: list[float] = []
         """Wall time of every setpoint of whatever kind that the service sent, s."""
         self.velocities: list[tuple[float, float]] = []
@@ -94,6 +98,7 @@ class Wire(asyncio.DatagramProtocol):
             self.transport.sendto(data, self._copter if from_service else self.service)
         for frame in self._splitter.datagram(data):
             message = self._codec.decode(frame)
+            self.signed[from_service][bool(frame[2] & SIGNED)] += 1
             if message is not None and from_service:
                 self._note_command(message)
             elif message is not None and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
@@ -101,10 +106,14 @@ class Wire(asyncio.DatagramProtocol):
 
     def command(self, *parameters: float, number: int = mavlink.MAV_CMD_DO_SET_MODE) -> None:
         """Send a command to the copter as a pilot's station beside the service: a mode, unless it is another one."""
-        assert self._copter is not None
         padded = (*parameters, *(0.0,) * (7 - len(parameters)))
         message = mavlink.MAVLink_command_long_message(self.system_id, 1, number, 0, *padded)
-        self.transport.sendto(message.pack(self._pilot), self._copter)
+        self.send(message.pack(self._pilot))
+
+    def send(self, frame: bytes) -> None:
+        """Send a frame to the copter beside the service."""
+        assert self._copter is not None
+        self.transport.sendto(frame, self._copter)
 
     def _note_command(self, message: Message) -> None:
         if message.get_type().startswith("SET_POSITION_TARGET"):
@@ -137,6 +146,7 @@ class Field:
     endpoint: str
     service: asyncio.subprocess.Process
     runs_dir: Path
+    playbook: Path
     lines: list[str] = field(default_factory=list)
 
     @property
@@ -188,10 +198,11 @@ async def open_field(
     options: tuple[str, ...] = (),
     change: Callable[[str], str] = str,
     weather: SimulatedWeather = CALM,
+    before: Callable[[dict[str, Wire]], Awaitable[None]] | None = None,
 ) -> AsyncIterator[Field]:
     """Open the field, on embedded copters or a real autopilot, and fly; everything in it ends with the block.
 
-    `change` is done to the playbook that the service flies by.
+    `change` is done to the playbook that the service flies by, `before` with the taps before it does.
     """
     ports = {name: free_udp_port() for name in ("L0", "L1", "U1")}
     endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
@@ -221,12 +232,14 @@ async def open_field(
         await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))
         if sitl is not None:
             await _made_ready(sitl, wires, group)
+        if before is not None:
+            await before(wires)
         service = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "gcs.cli", "fly", str(path), "--runs-dir", str(folder / "runs"), *options),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
         )
-        running = Field(group, wires, endpoint, service, folder / "runs")
+        running = Field(group, wires, endpoint, service, folder / "runs", path)
         reader = asyncio.create_task(_read_lines(service, running.lines))
         try:
             yield running

@@ -53,7 +53,7 @@ class Real:
     pilots_parameters: tuple[float, ...]
     lands: int
     misses_station_s: float
-    """After its station's last heartbeat, as its parameter file says."""
+    """After its station's last heartbeat: its parameter file's FS_GCS_TIMEOUT; COM_DL_LOSS_T and 5 s to think."""
 
     @property
     def sitl(self) -> Sitl:
@@ -62,7 +62,7 @@ class Real:
 
 
 ARDUPILOT = Real("ardupilot", 4, 17, (1, 17), MODE_LAND_ARDUPILOT, 5.0)  # BRAKE
-PX4 = Real("px4", 0x0006_0000, 0x0304_0000, (1, 4, 3), MODE_LAND_PX4, 10.0)  # LOITER: also the service's own hold
+PX4 = Real("px4", 0x0006_0000, 0x0304_0000, (1, 4, 3), MODE_LAND_PX4, 16.5)  # LOITER: also the service's own hold
 ardupilot = pytest.param(ARDUPILOT, marks=pytest.mark.sitl_ardupilot, id="ardupilot")
 px4 = pytest.param(PX4, marks=pytest.mark.sitl_px4, id="px4")
 on_ardupilot = pytest.mark.parametrize("real", [ardupilot], indirect=True)

@@ -31,7 +31,7 @@ def sitl(request: pytest.FixtureRequest) -> Sitl | None:
     return SITLS[request.param]
 
 
-async def test_a_hovering_vehicle_leans_into_the_wind_and_the_relay_forms_and_lands(sitl: Sitl | None, tmp_path: Path) -> None:
+async def test_who_hovers_leans_into_the_wind_and_the_relay_forms_and_lands(sitl: Sitl | None, tmp_path: Path) -> None:
     from_north = SimulatedWeather(wind_mps=8.0, wind_from_rad=0.0)
     async with open_field(tmp_path, sitl, weather=from_north) as field:
         await field.until(lambda: "U1 LEG_1" in field.said(), 90.0)
