@@ -98,6 +98,10 @@ class StopMonitor:
             self.north_sigma_rad,
         )
 
+    def begin(self, now_s: float) -> None:
+        """Begin to fly to the leg's end now, perhaps not for the first time: arriving takes its time anew."""
+        self._within_since_s, self._near_since_s = None, now_s
+
     def commanded(self, time_s: float, velocity: complex) -> None:
         """Note the velocity commanded from `time_s` on, m/s: along the leg, and to its left."""
         self._filter.commanded(time_s, velocity)

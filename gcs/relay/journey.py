@@ -6,12 +6,15 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.clock import Clock
-from gcs.bearings import Observations, collect
+from gcs.bearings import Observations
 from gcs.errors import HoldRequiredError
 from gcs.relay.emission import EmissionControl
 from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
-from gcs.relay.locating import locate, transmitters_to_hear
+from gcs.relay.locating import hear, locate, too_few, transmitters_to_hear
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.rerouting import reroute
 from gcs.relay.settings import RelaySettings
@@ -27,6 +30,11 @@ from planner.replan import replan
 
 COMING_TO_REST_S: Final = 3.0
 """A vehicle that was held, or released, is located when it hovers: a copter stops within this from its fastest."""
+
+MOST_TRIMS: Final = 2
+_TRIMMED_M: Final = 0.3
+"""Nearer to its slot nobody is trimmed: a stop is no better."""
+_TRIMMED_SIGMAS: Final = 1.5
 
 _FIXES: Final = 3
 """How often one is located of whom it is not known where it stands: each time by transmitters better chosen."""
@@ -81,8 +89,7 @@ class Journey:
         fix = await self._whereabouts()
         record.route = self._route_from(fix.position)
         record.place, record.off_plan = fix.position, self.hovering is not None
-        await self._legs(fix)
-        await self._verify()
+        await self._verify(await self._legs(fix))
 
     async def _whereabouts(self) -> Fix:
         """Locate the receiver before it flies; again where it turns out to be far from where it was looked for."""
@@ -97,20 +104,28 @@ class Journey:
             prior = fix.position
         return fix
 
-    async def _located(self, needed: Collection[str], samples: int, prior: complex) -> Fix:
-        """Locate the receiver that hovers near `prior`. HoldRequiredError when bearings do not fix its place."""
+    async def _located(
+        self, needed: Collection[str], samples: int, prior: complex, monitor: StopMonitor | None = None
+    ) -> Fix:
+        """Locate the receiver that hovers near `prior`. HoldRequiredError when bearings do not fix its place.
+
+        A stop monitor is told what is heard for it.
+        """
         standing = self.around.standing
         names = transmitters_to_hear(prior, needed, standing.places)
         if len(names) < 2:
             raise NoWayError(f"it takes two transmitters to be located, and there is {', '.join(names) or 'none'} left")
         self.around.emission.need(self.record.name, names)
         self.observations.forget()
-        heard = await collect(self.observations, samples, names, self.around.settings.give_up_s)
+        heard = await hear(self.observations, names, samples, self.around.settings.give_up_s)
+        if monitor is not None:
+            for observation in heard:
+                monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
         if (objection := self.objection()) is not None:
             raise HoldRequiredError(objection)
-        if len(heard) < samples:
+        if few := too_few(heard, names, samples):
             raise HoldRequiredError(
-                f"only {len(heard)} of {samples} reports with bearings of {', '.join(sorted(names))}: "
+                f"only {min(few.values())} of {samples} reports with bearings of {', '.join(few)}: "
                 "check its sensor and the transmitters"
             )
         try:
@@ -153,21 +168,22 @@ class Journey:
             "resumed, it flies from where it was located"
         )
 
-    async def _legs(self, fix: Fix) -> None:
-        """Fly the legs of the route, each with a stop monitor of its own."""
+    async def _legs(self, fix: Fix) -> StopMonitor | None:
+        """Fly the legs of the route, each with a stop monitor of its own, and return the last one's."""
         around, record = self.around, self.record
-        place, covariance = fix.position, fix.covariance
+        place, covariance, monitor = fix.position, fix.covariance, None
         for number, leg in enumerate(record.route.legs, start=1):
             around.enter(record, ReceiverState[f"LEG_{number}"])
             around.emission.need(record.name, {leg.guide, *leg.stop_reference})
             rule = SLOT if number == len(record.route.legs) else TURN
-            transmitters = dict(around.standing.places)
-            monitor = StopMonitor(leg, transmitters, place, covariance, around.clock.now_s(), rule)
+            transmitters, sigma_m = dict(around.standing.places), dict(around.standing.sigma_m)
+            monitor = StopMonitor(leg, transmitters, place, covariance, around.clock.now_s(), rule, sigma_m)
             try:
                 await self._leg_flight(monitor).fly()
             finally:
                 place, covariance = monitor.place()
                 record.place = place
+        return monitor
 
     def _leg_flight(self, monitor: StopMonitor) -> LegFlight:
         return LegFlight(
@@ -182,17 +198,35 @@ class Journey:
             settings=self.around.settings,
         )
 
-    async def _verify(self) -> None:
-        """Locate the receiver in its slot and let it stand there; HoldRequiredError when it is too far from it."""
+    async def _verify(self, monitor: StopMonitor | None) -> None:
+        """Locate the receiver in its slot and let it stand there; HoldRequiredError when it is too far from it.
+
+        What the last leg's monitor knows is not given up for what is heard now: both count. Where together they put the
+        receiver off its slot by more than they may be wrong, a trim leg takes it back.
+        """
         around, record, route = self.around, self.record, self.record.route
-        around.enter(record, ReceiverState.VERIFYING)
-        await around.clock.sleep(around.settings.settle_s)
-        fix = await self._located(route.transmitters, around.settings.verify_samples, route.target)
-        record.place = fix.position
-        off_m = abs(fix.position - route.target)
+        for trims_left in reversed(range(MOST_TRIMS + 1)):
+            around.enter(record, ReceiverState.VERIFYING)
+            await around.clock.sleep(around.settings.settle_s)
+            fix = await self._located(route.transmitters, around.settings.verify_samples, route.target, monitor)
+            place, covariance = (fix.position, fix.covariance) if monitor is None else monitor.standing_place()
+            record.place = place
+            off_m = abs(place - route.target)
+            if monitor is None or not trims_left or not _worth_trimming(off_m, covariance):
+                break
+            around.enter(record, ReceiverState.TRIMMING, f"bearings put it {off_m:.2f} m from {route.slot}")
+            await self._leg_flight(monitor).fly()
         allowed_m = around.settings.placement_tolerance_m + 3.0 * worst_sigma_m(fix.covariance)
-        if off_m > allowed_m:
-            raise HoldRequiredError(f"bearings put it {off_m:.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)")
+        for known_as, at in (("bearings put it", fix.position), ("its last leg and bearings put it", place)):
+            if abs(at - route.target) > allowed_m:
+                raise HoldRequiredError(
+                    f"{known_as} {abs(at - route.target):.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)"
+                )
         record.off_plan = False
-        around.standing.join(record.name, fix)
+        around.standing.join(record.name, place, covariance)
         around.enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {route.slot}")
+
+
+def _worth_trimming(off_m: float, covariance: NDArray[np.float64]) -> bool:
+    """Return whether a trim leg would bring a receiver nearer: its offset is known better than it is small."""
+    return off_m > max(_TRIMMED_M, _TRIMMED_SIGMAS * worst_sigma_m(covariance))

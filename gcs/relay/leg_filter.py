@@ -32,11 +32,12 @@ _DOUBT_MPS: Final = 0.5
 _BY_CHANCE: Final = 1
 """So many such reports in a row mean nothing."""
 _ADAPTED_PER_BEARING: Final = 0.02
-_ROUGHEST: Final = 50.0
+_ROUGHEST: Final = 200.0
 
 _HELD, _SPEED, _SWAY, _DRIFT = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
 _NORTH: Final = 8
 _OWN: Final = 9
+_ITS: Final = 4
 _SEEN: Final = np.hstack([np.eye(2), np.zeros((2, 2)), np.eye(2)])
 """Where the receiver is, from (held, speed, sway)."""
 
@@ -50,7 +51,7 @@ class Unrest:
     """For how long and how far the speed strays, per m/s that it is from the command, m/s per square root of a second:
     the farther, the less the response is known..."""
     sway_s: float = 2.0
-    sway_m: float = 0.1
+    sway_m: float = 0.05
     sway_noise: float = 0.1
     """...how long and how far one sways, and how far besides, per m/s2, m per square root of a second..."""
     drift_s: float = 20.0
@@ -76,13 +77,12 @@ class Whereabouts:
 
 @dataclass(frozen=True)
 class _Sight:
-    """One measured direction against the expected one: the surplus, rad, its gradient by the state, its variances."""
+    """One measured direction against the expected one: the surplus, rad, its gradient by the state, its variance."""
 
     surplus_rad: float
     gradient: Reals
     crossed: Reals
     variance: float
-    noise: float
 
     @property
     def sigmas(self) -> float:
@@ -111,16 +111,16 @@ class LegFilter:
     ) -> None:
         self._end, self._course, self._unrest = end, course, unrest
         self._transmitters = dict(transmitters)
-        unsure = {name: sigma_m for name, sigma_m in place_sigma_m.items() if name in transmitters and sigma_m > 0.0}
-        self._index = {name: _OWN + 2 * number for number, name in enumerate(unsure)}
+        self._place_sigma_m = dict(place_sigma_m)
+        self._index: dict[str, int] = {}
         self._response = Response(agility, time_s, (start - end) / course)
         self._time_s = time_s
         self._roughness = 1.0
         """By how much the variance of every sway exceeds that of calm air."""
         self._disagreed = 0
-        self._state = np.zeros(_OWN + 2 * len(unsure))
+        self._state = np.zeros(_OWN)
         sigmas = [0.0, _INITIAL_SPEED_SIGMA_MPS, unrest.sway_m, unrest.drift_mps]
-        variances = [sigma**2 for sigma in (*np.repeat(sigmas, 2), north_sigma_rad, *np.repeat([*unsure.values()], 2))]
+        variances = [sigma**2 for sigma in (*np.repeat(sigmas, 2), north_sigma_rad)]
         self._covariance: Reals = np.diag(variances)
         self._axes = np.array([[course.real, -course.imag], [course.imag, course.real]])
         self._covariance[_HELD, _HELD] = self._axes.T @ covariance @ self._axes
@@ -138,6 +138,8 @@ class LegFilter:
         """
         if captured_s > self._time_s:
             self._carry_on(captured_s)
+        for name in directions_rad.keys() - self._index.keys():
+            self._add(name)
         plausible = [name for name in directions_rad if self._agrees(name, directions_rad, sigma_rad)]
         agreeing = frozenset(name for name in plausible if self._take(name, directions_rad, sigma_rad))
         enough = len(agreeing) > 1 or len(agreeing) == len(directions_rad)
@@ -179,6 +181,17 @@ class LegFilter:
         at_rest = self.whereabouts(self._time_s).at_rest
         return self._end + self._course * at_rest, self._axes @ self._covariance[_HELD, _HELD] @ self._axes.T
 
+    def _add(self, name: str) -> None:
+        """Let the state hold a transmitter that is heard for the first time: where it stands, and its sway."""
+        size = self._index[name] = self._state.size
+        self._state = np.concatenate([self._state, np.zeros(_ITS)])
+        covariance = np.zeros((size + _ITS, size + _ITS))
+        covariance[:size, :size] = self._covariance
+        sway = self._roughness * self._unrest.sway_m**2
+        place = self._place_sigma_m.get(name, 0.0) ** 2
+        covariance[range(size, size + _ITS), range(size, size + _ITS)] = place, place, sway, sway
+        self._covariance = covariance
+
     def _seen(self) -> complex:
         return self._response.place + self._response.overshoot + complex(*(self._state[_HELD] + self._state[_SWAY]))
 
@@ -193,26 +206,25 @@ class LegFilter:
         gain = sight.crossed / sight.variance
         self._state = self._state + gain * sight.surplus_rad
         kept = np.eye(self._state.size) - np.outer(gain, sight.gradient)
-        self._covariance = kept @ self._covariance @ kept.T + np.outer(gain, gain) * sight.noise
+        self._covariance = kept @ self._covariance @ kept.T + np.outer(gain, gain) * sigma_rad[name] ** 2
         adapted = self._roughness * (1.0 + _ADAPTED_PER_BEARING * (sight.sigmas**2 - 1.0))
         self._roughness = max(1.0, min(adapted, _ROUGHEST))
         return True
 
     def _sight(self, name: str, direction_rad: float, sigma_rad: float) -> _Sight:
-        index = self._index.get(name)
-        stands = self._transmitters[name] + (0j if index is None else complex(*self._state[index : index + 2]))
+        first = self._index[name]
+        placed, swayed = slice(first, first + 2), slice(first + 2, first + _ITS)
+        stands = self._transmitters[name] + complex(*(self._state[placed] + self._state[swayed]))
         towards = stands - self._end - self._course * self._seen()
         towards = towards if abs(towards) > _NEAREST_M else complex(_NEAREST_M)
         by_own, by_its = -self._course / towards, 1.0 / towards
         gradient = np.zeros(self._state.size)
         gradient[_HELD] = gradient[_SWAY] = by_own.imag, by_own.real
         gradient[_NORTH] = 1.0
-        if index is not None:
-            gradient[index : index + 2] = by_its.imag, by_its.real
+        gradient[placed] = gradient[swayed] = by_its.imag, by_its.real
         surplus_rad = wrap(direction_rad - cmath.phase(towards) - float(self._state[_NORTH]))
         crossed = self._covariance @ gradient
-        noise = sigma_rad**2 + self._roughness * (self._unrest.sway_m / abs(towards)) ** 2
-        return _Sight(surplus_rad, gradient, crossed, float(gradient @ crossed) + noise, noise)
+        return _Sight(surplus_rad, gradient, crossed, float(gradient @ crossed) + sigma_rad**2)
 
     def _carry_on(self, to_s: float) -> None:
         unrest, step_s, before = self._unrest, to_s - self._time_s, self._response.velocity
@@ -222,6 +234,8 @@ class LegFilter:
         acceleration_mps2 = abs(self._response.velocity - before) / step_s
         transition = np.eye(self._state.size)
         transition[:_NORTH, :_NORTH] = _transition(unrest, step_s)
+        for first in self._index.values():
+            transition[[first + 2, first + 3], [first + 2, first + 3]] = math.exp(-step_s / unrest.sway_s)
         self._state = transition @ self._state
         sway = self._roughness * unrest.sway_m**2 * -math.expm1(-2.0 * step_s / unrest.sway_s)
         added = [
@@ -232,6 +246,9 @@ class LegFilter:
         ]
         self._covariance = transition @ self._covariance @ transition.T
         self._covariance[np.arange(_NORTH), np.arange(_NORTH)] += np.repeat(added, 2)
+        for first in self._index.values():
+            swayed = [first + 2, first + 3]
+            self._covariance[swayed, swayed] += sway
         self._time_s = to_s
 
 

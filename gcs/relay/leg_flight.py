@@ -63,6 +63,7 @@ class LegFlight:
         flown = LegRecord(leg, started_s=self.clock.now_s())
         self.record.legs.append(flown)
         self._usable_s = flown.started_s
+        self.monitor.begin(flown.started_s)
         self._agreed_s = dict.fromkeys((leg.guide, *leg.stop_reference), flown.started_s)
         deadline_s = flown.started_s + self.settings.longest_leg_s(leg)
         while not await self._step(flown):

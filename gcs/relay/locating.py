@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.bearings import Observation
+from gcs.bearings import Observation, Observations
 from planner.angles import wrap, wrap_all
 from planner.errors import PositioningError
 from planner.positioning import Fix, dilution, locate_by_bearings
@@ -21,6 +21,8 @@ _MAD_TO_SIGMA: Final = 1.4826
 _OUTLIER_SIGMAS: Final = 4.0
 _SWAYS_M: Final = (0.1, 0.3, 1.0)
 """How far what stands in the air may sway: in calm air, and where directions contradict each other without wind."""
+_MOST_REPORTS: Final = 4
+"""So many reports are waited for, for each sample."""
 _LEAST_SPREAD_RAD: Final = math.radians(0.01)
 
 
@@ -44,25 +46,44 @@ def transmitters_to_hear(place: complex, needed: Collection[str], standing: Mapp
     return frozenset(heard)
 
 
+async def hear(observations: Observations, names: Collection[str], count: int, gap_s: float) -> list[Observation]:
+    """Return the next observations, until each transmitter named was heard `count` times.
+
+    Gives up when no report comes for `gap_s`, or when most reports lack a transmitter.
+    """
+    heard: list[Observation] = []
+    while len(heard) < _MOST_REPORTS * count and too_few(heard, names, count):
+        observation = await observations.next(gap_s)
+        if observation is None:
+            break
+        heard.append(observation)
+    return heard
+
+
+def too_few(observations: Sequence[Observation], names: Collection[str], count: int) -> dict[str, int]:
+    """Return how often each of those was heard that were heard less than `count` times."""
+    times = {name: sum(name in observation.directions_rad for observation in observations) for name in sorted(names)}
+    return {name: heard for name, heard in times.items() if heard < count}
+
+
 def locate(
     observations: Sequence[Observation],
     transmitters: Mapping[str, complex],
     place_sigma_m: Mapping[str, float],
     prior: complex,
 ) -> Fix:
-    """Return where the receiver stood while it made these observations, each of which holds every transmitter.
+    """Return where the receiver stood while it made these observations, by those of each transmitter that hold it.
 
     `place_sigma_m` says how well each transmitter's own place is known, m: near by, that counts more than noise does.
     Raises PositioningError when they do not fix one place.
     """
-    directions = {name: typical_direction([o.directions_rad[name] for o in observations]) for name in transmitters}
-    averaging = math.sqrt(len(observations))
+    heard = {name: [o for o in observations if name in o.directions_rad] for name in transmitters}
+    directions = {name: typical_direction([o.directions_rad[name] for o in of_one]) for name, of_one in heard.items()}
+    noise = {name: of_one[-1].sigma_rad[name] / math.sqrt(len(of_one)) for name, of_one in heard.items()}
 
     def located(sway_m: float) -> Fix:
         sigma = {
-            name: math.hypot(
-                observations[-1].sigma_rad[name] / averaging, math.hypot(place_sigma_m[name], sway_m) / abs(at - prior)
-            )
+            name: math.hypot(noise[name], math.hypot(place_sigma_m[name], sway_m) / abs(at - prior))
             for name, at in transmitters.items()
         }
         return locate_by_bearings(directions, transmitters, sigma, prior=prior)

@@ -10,10 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.positioning import Fix
-
-STANDING_SIGMA_M: Final = 0.2
-"""No transmitter stands better than this: one that hovers strays by as much, a beacon's place is measured no better."""
+STANDING_SIGMA_M: Final = 0.1
+"""No transmitter is known to hover about a better place than this; how it sways about it is another matter."""
 
 
 @dataclass
@@ -33,10 +31,10 @@ class Standing:
         """Return whether all of these stand."""
         return self.places.keys() >= set(names)
 
-    def join(self, name: str, fix: Fix) -> None:
+    def join(self, name: str, place: complex, covariance: NDArray[np.float64]) -> None:
         """Let a receiver stand where bearings put it: there the next ones will find their transmitter."""
-        self.places[name] = fix.position
-        self.sigma_m[name] = math.hypot(worst_sigma_m(fix.covariance), STANDING_SIGMA_M)
+        self.places[name] = place
+        self.sigma_m[name] = math.hypot(worst_sigma_m(covariance), STANDING_SIGMA_M)
 
     def lose(self, name: str) -> None:
         """Trust a transmitter no longer to stand where it did."""

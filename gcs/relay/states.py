@@ -17,6 +17,7 @@ class ReceiverState(Enum):
     LEG_1 = "LEG_1"
     LEG_2 = "LEG_2"
     VERIFYING = "VERIFYING"
+    TRIMMING = "TRIMMING"
     PLACED = "PLACED"
     HELD = "HELD"
     PILOT = "PILOT"
@@ -26,7 +27,8 @@ class ReceiverState(Enum):
 _S = ReceiverState
 _EXITS: Final = frozenset({_S.HELD, _S.PILOT, _S.FAILED})
 
-# A route has two legs, one where guide, start and slot lie in line, none where the receiver stands in its slot.
+# A route has two legs, one where guide, start and slot lie in line, none where the receiver stands in its slot; a trim
+# leg follows where bearings put it off its slot then.
 # Whoever was held is located anew before anything else, and a pilot's vehicle is held before it flies again.
 TRANSITIONS: Final = MappingProxyType(
     {
@@ -34,7 +36,8 @@ TRANSITIONS: Final = MappingProxyType(
         _S.LOCATING: frozenset({_S.LEG_1, _S.VERIFYING}) | _EXITS,
         _S.LEG_1: frozenset({_S.LEG_2, _S.VERIFYING}) | _EXITS,
         _S.LEG_2: frozenset({_S.VERIFYING}) | _EXITS,
-        _S.VERIFYING: frozenset({_S.PLACED}) | _EXITS,
+        _S.VERIFYING: frozenset({_S.TRIMMING, _S.PLACED}) | _EXITS,
+        _S.TRIMMING: frozenset({_S.VERIFYING}) | _EXITS,
         _S.PLACED: _EXITS,
         _S.HELD: frozenset({_S.LOCATING, _S.PILOT, _S.FAILED}),
         _S.PILOT: frozenset({_S.HELD, _S.FAILED}),
@@ -42,7 +45,7 @@ TRANSITIONS: Final = MappingProxyType(
     }
 )
 
-IN_FLIGHT: Final = frozenset({_S.LOCATING, _S.LEG_1, _S.LEG_2, _S.VERIFYING})
+IN_FLIGHT: Final = frozenset({_S.LOCATING, _S.LEG_1, _S.LEG_2, _S.VERIFYING, _S.TRIMMING})
 """States in which the executor works on the receiver."""
 
 ENDED: Final = frozenset({_S.PLACED, _S.FAILED})

@@ -19,6 +19,7 @@ from planner.plan import RelayPlan
 from tests.gcs.relay.operating import speak, step
 from tests.gcs.relay.world import PERIOD_S, World
 
+FLYING = (ReceiverState.LEG_1, ReceiverState.LEG_2, ReceiverState.TRIMMING)
 UAVS = ["L0", "L1", *(f"U{k}" for k in range(1, 9))]
 uavs = st.sampled_from(UAVS)
 
@@ -132,7 +133,7 @@ class Operation(RuleBasedStateMachine):
         if self.executor.held is not None:
             assert not IN_FLIGHT & set(states.values())
         for name, vehicle in self.world.vehicles.items():
-            assert not vehicle.command or states[name] in (ReceiverState.LEG_1, ReceiverState.LEG_2)
+            assert not vehicle.command or states[name] in FLYING
 
     @invariant()
     def only_who_stands_is_trusted(self) -> None:

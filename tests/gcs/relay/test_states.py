@@ -24,7 +24,7 @@ def test_only_what_stands_in_the_table_is_allowed(old: ReceiverState, new: Recei
 
 
 def test_the_way_of_a_receiver() -> None:
-    way = ["WAITING", "LOCATING", "LEG_1", "LEG_2", "VERIFYING", "PLACED"]
+    way = ["WAITING", "LOCATING", "LEG_1", "LEG_2", "VERIFYING", "TRIMMING", "VERIFYING", "PLACED"]
     for old, new in pairwise(way):
         require_transition("U1", ReceiverState(old), ReceiverState(new))
 
@@ -38,6 +38,10 @@ def test_every_state_is_in_the_table_and_can_be_held() -> None:
 def test_whoever_was_held_is_located_before_anything_else_and_a_pilot_s_is_held_before_it_flies() -> None:
     assert TRANSITIONS[ReceiverState.HELD] & (IN_FLIGHT | ENDED) == {ReceiverState.LOCATING, ReceiverState.FAILED}
     assert TRANSITIONS[ReceiverState.PILOT] == {ReceiverState.HELD, ReceiverState.FAILED}
+
+
+def test_whoever_was_trimmed_is_verified_again() -> None:
+    assert TRANSITIONS[ReceiverState.TRIMMING] & (IN_FLIGHT | ENDED) == {ReceiverState.VERIFYING, ReceiverState.FAILED}
 
 
 def test_failed_is_the_end() -> None:
