@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -19,6 +19,9 @@ from drivers.mavlink.vehicle import Battery, Vehicle
 from gcs.preflight.expected import Expected
 
 HEARTBEAT_TIMEOUT_S: Final = 30.0
+SILENT_S: Final = 10.0
+"""An autopilot has a heartbeat each second: one not heard for so long is not there any more."""
+_LOOK_S: Final = 1.0
 COMPLAINTS_S: Final = 2.5
 """How long after its pre-arm checks an autopilot is listened to: their texts come at once, its health each second."""
 
@@ -79,6 +82,27 @@ async def gather_facts(vehicle: Vehicle, expected: Expected, progress: Progress)
         )
     progress("autopilot", "asking what it is")
     autopilot = autopilot_of(vehicle, expected.autopilot)
+    return await _while_heard(vehicle, _ask(vehicle, expected, autopilot, progress))
+
+
+async def _while_heard(vehicle: Vehicle, asking: Coroutine[Any, Any, VehicleFacts]) -> VehicleFacts:
+    """Return what comes of asking a vehicle; VehicleError as soon as it has fallen silent."""
+    task = asyncio.ensure_future(asking)
+    try:
+        while not task.done():
+            if vehicle.silent_for_s() > SILENT_S:
+                raise vehicle.failure(
+                    f"it fell silent: nothing was heard of it for {SILENT_S:g} s", "Check its power, and its link."
+                )
+            tick = asyncio.ensure_future(vehicle.clock.sleep(_LOOK_S))
+            await asyncio.wait((task, tick), return_when=asyncio.FIRST_COMPLETED)
+            tick.cancel()
+        return task.result()
+    finally:
+        task.cancel()
+
+
+async def _ask(vehicle: Vehicle, expected: Expected, autopilot: Autopilot, progress: Progress) -> VehicleFacts:
     progress("estimator", "waiting for its position estimate")
     async with asyncio.TaskGroup() as group:
         identities = group.create_task(read_identities(vehicle))

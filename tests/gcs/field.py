@@ -16,7 +16,7 @@ import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -199,10 +199,12 @@ async def open_field(
     change: Callable[[str], str] = str,
     weather: SimulatedWeather = CALM,
     before: Callable[[dict[str, Wire]], Awaitable[None]] | None = None,
+    absent: Collection[str] = (),
 ) -> AsyncIterator[Field]:
     """Open the field, on embedded copters or a real autopilot, and fly; everything in it ends with the block.
 
-    `change` is done to the playbook that the service flies by, `before` with the taps before it does.
+    `change` is done to the playbook that the service flies by, `before` with the taps before it does; vehicles `absent`
+    are never started.
     """
     ports = {name: free_udp_port() for name in ("L0", "L1", "U1")}
     endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
@@ -218,6 +220,8 @@ async def open_field(
         group = await stack.enter_async_context(process_group(folder))
         await group.start("router", ["-m", "drivers.bus.router", endpoint, "--parent-pid", str(os.getpid())])
         for name, home in homes_of(playbook).items():
+            if name in absent:
+                continue
             system_id, port = wires[name].system_id, wires[name].port
             if sitl is None:
                 copter = CopterSpec(name, system_id, port, home, weather=weather)

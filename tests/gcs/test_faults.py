@@ -72,10 +72,19 @@ async def test_ctrl_c_mid_leg(tmp_path: Path) -> None:
 
 
 async def test_a_copter_that_never_answers(tmp_path: Path) -> None:
-    async with open_field(tmp_path) as field:
-        field.signal("L1", signal.SIGKILL)
+    async with open_field(tmp_path, absent=["L1"]) as field:
         assert await field.ended(60.0) == 1
         assert "L1 on udpin:127.0.0.1:" in field.said()
-        assert "no heartbeat within" in field.said()
+        assert "no heartbeat of system id 2 within 30 s" in field.said()
+        assert field.report()["outcome"] == "failed"
+        assert not field.wire.velocities
+
+
+async def test_a_copter_that_falls_silent_before_it_is_armed(tmp_path: Path) -> None:
+    async with open_field(tmp_path) as field:
+        await field.until(lambda: field.wires["L1"].signed[True].total() > 0, 30.0)
+        field.signal("L1", signal.SIGKILL)
+        assert await field.ended(60.0) == 1
+        assert "it fell silent: nothing was heard of it for 10 s" in field.said()
         assert field.report()["outcome"] == "failed"
         assert not field.wire.velocities

@@ -110,6 +110,15 @@ async def test_a_vehicle_that_is_not_there_is_a_hard_failure_and_the_others_are_
     assert ("L1", "estimator") in verdicts(report, PASSED)
 
 
+async def test_a_vehicle_that_falls_silent_is_not_waited_for_any_longer():
+    field = Preflight().add_all(U1={"ready_s": 1e6})
+    clock, began_s = field.bench.clock, field.bench.clock.now_s()
+    field.bench.vehicles["U1"].link.garble = lambda message: message if clock.now_s() < began_s + 5.0 else None
+    report = await field.run()
+    assert verdicts(report, HARD) == {("U1", "estimator"): "it fell silent: nothing was heard of it for 10 s"}
+    assert clock.now_s() - began_s < 20.0
+
+
 async def test_a_rover_is_refused():
     field = Preflight().add_all()
 
