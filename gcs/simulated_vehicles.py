@@ -26,6 +26,15 @@ def weather_of(playbook: Playbook) -> SimulatedWeather:
     return SimulatedWeather(air.wind_mps, math.radians(air.wind_from_deg), air.gusts_mps, air.gps_noise_m)
 
 
+def sitl_vehicles_of(playbook: Playbook, vehicles: Mapping[str, Vehicle], sitl: Sitl) -> list[SitlVehicle]:
+    """Return what an autopilot's own simulator is to fly, each speaking to the link of its vehicle."""
+    homes, weather, station_id = homes_of(playbook), weather_of(playbook), playbook.mavlink.system_id
+    return [
+        SitlVehicle(name, at.system_id, at.link.address.port, homes[name], weather, station_id, sitl.start_speedup)
+        for name, at in vehicles.items()
+    ]
+
+
 async def start_vehicles(
     playbook: Playbook, vehicles: Mapping[str, Vehicle], group: ProcessGroup, time: SimulatedTime, sitl: Sitl | None
 ) -> None:
@@ -33,14 +42,13 @@ async def start_vehicles(
 
     SimulationError or VehicleError, in a group, for what does not come up.
     """
+    if sitl is not None:
+        for simulated in sitl_vehicles_of(playbook, vehicles, sitl):
+            await sitl.start(simulated, group)
+        await until_all_ready(sitl, vehicles, group.require_running)
+        return
     weather, station_id = weather_of(playbook), playbook.mavlink.system_id
     for name, home in homes_of(playbook).items():
-        system_id, port = vehicles[name].system_id, vehicles[name].link.address.port
-        if sitl is None:
-            copter = CopterSpec(name, system_id, port, home, weather=weather, station_id=station_id)
-            await group.start(name, copter.arguments(time, this_pid()))
-        else:
-            simulated = SitlVehicle(name, system_id, port, home, weather, station_id, sitl.start_speedup)
-            await sitl.start(simulated, group)
-    if sitl is not None:
-        await until_all_ready(sitl, vehicles, group.require_running)
+        at = vehicles[name]
+        copter = CopterSpec(name, at.system_id, at.link.address.port, home, weather=weather, station_id=station_id)
+        await group.start(name, copter.arguments(time, this_pid()))

@@ -26,13 +26,13 @@ from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.detached import DetachedProcess, end, start_detached
 from drivers.simulation.launcher import last_words
-from drivers.simulation.sitl import SITLS, Sitl, SitlVehicle
+from drivers.simulation.sitl import SITLS, Sitl
 from drivers.simulation.sitl_keeper import KeeperSettings, KeptSwarm
 from drivers.simulation.sitl_readiness import missing, until_all_ready
 from gcs.errors import ServiceError
 from gcs.playbook.loader import load_playbook
 from gcs.playbook.schema import Playbook
-from gcs.simulated_vehicles import homes_of, weather_of
+from gcs.simulated_vehicles import sitl_vehicles_of
 
 HOST: Final = "127.0.0.1"
 FIRST_PORT: Final = 14601
@@ -129,6 +129,8 @@ async def bring_up(path: Path, autopilot: str, folder: SwarmFolder, show: Show) 
     playbook, sitl, progress = load_playbook(path), SITLS[autopilot], Progress()
     if playbook.vehicles is not None:
         raise ServiceError(f"{path} names its vehicles already: sitl up starts them itself, leave out 'vehicles'")
+    if playbook.mavlink.signing is not None:
+        raise ServiceError(f"{path}: simulators begin without a signing key: leave out mavlink.signing")
     sitl.find()
     folder.claim()
     async with _links(playbook, sitl) as vehicles, show(progress):
@@ -168,14 +170,10 @@ def take_down(folder: SwarmFolder) -> list[str]:
 def _start_keeper(
     playbook: Playbook, autopilot: str, folder: SwarmFolder, vehicles: Mapping[str, Vehicle]
 ) -> DetachedProcess:
-    weather, station_id = weather_of(playbook), playbook.mavlink.system_id
-    speedup = SITLS[autopilot].start_speedup
-    starting = [
-        SitlVehicle(
-            name, vehicles[name].system_id, vehicles[name].link.address.port, home, weather, station_id, speedup
-        )
-        for name, home in homes_of(playbook).items()
-    ]
+    sitl = SITLS[autopilot]
+    starting = sitl_vehicles_of(playbook, vehicles, sitl)
+    for vehicle in starting:  # what a simulator cannot fly is known before one is started
+        sitl.command(sitl.find(), vehicle, folder.vehicles / vehicle.name)
     settings = KeeperSettings(autopilot, starting, str(folder.vehicles), str(folder.state.absolute()))
     arguments = ["-m", "drivers.simulation.sitl_keeper"]
     return start_detached(arguments, folder.keeper_log, msgspec.json.encode(settings))

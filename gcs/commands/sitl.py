@@ -79,17 +79,22 @@ async def _up(path: Path, autopilot: str, folder: SwarmFolder, console: Console)
             async with background(refresh()):
                 yield
 
-    task = asyncio.current_task()
+    coming_up = asyncio.ensure_future(bring_up(path, autopilot, folder, show))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, task.cancel if task else lambda: None)
-    return await bring_up(path, autopilot, folder, show)
+        asyncio.get_running_loop().add_signal_handler(number, coming_up.cancel)
+    return await coming_up
 
 
 def _words(progress: Progress) -> str:
-    """Return who is awaited, the first few by name."""
-    waiting = [f"{name} ({what})" for name, what in progress.waiting.items()]
-    others = f" and {len(waiting) - _NAMED} more" if len(waiting) > _NAMED else ""
-    return f"{len(progress.ready)} of {len(progress.vehicles)} ready; waiting for {', '.join(waiting[:_NAMED])}{others}"
+    """Return what is awaited of whom, the first few by name."""
+    awaited: dict[str, list[str]] = {}
+    for name, what in progress.waiting.items():
+        awaited.setdefault(what, []).append(name)
+    some = [
+        f"{what}: {', '.join(names[:_NAMED])}" + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+        for what, names in awaited.items()
+    ]
+    return "; ".join([f"{len(progress.ready)} of {len(progress.vehicles)} ready", *some])
 
 
 def _table(state: KeptSwarm) -> Table:

@@ -130,6 +130,10 @@ def test_four_uavs_are_put_up_flown_and_taken_down(real: Real, tmp_path: Path) -
     assert "ended L0, L1, U1, U2, U3, U4" in said
 
 
+def test_the_four_form_on_embedded_copters_as_well(tmp_path: Path) -> None:
+    require_formed(fly(CONFIGS / "four.yaml", tmp_path, "--speedup", "5"), 4)
+
+
 @on_ardupilot
 def test_the_paper_s_eight_fly_as_far_as_the_embedded_copters_do(real: Real, tmp_path: Path) -> None:
     playbook = CONFIGS / "paper_8.yaml"

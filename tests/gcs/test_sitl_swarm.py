@@ -43,16 +43,16 @@ class Swarm:
         self.path.write_text(PLAYBOOK)
         self.environment = {**os.environ, "ARDUCOPTER": str(program)}
 
-    def begin(self, fault: str = "") -> subprocess.Popen[str]:
-        command = ["up", str(self.path), "--autopilot", "ardupilot", "--folder", str(self.folder)]
+    def begin(self, fault: str = "", autopilot: str = "ardupilot") -> subprocess.Popen[str]:
+        command = ["up", str(self.path), "--autopilot", autopilot, "--folder", str(self.folder)]
         return subprocess.Popen(
             [sys.executable, "-m", "gcs.cli", "sitl", *command],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
             env={**self.environment, "FAKE": fault},
         )  # fmt: skip
 
-    def up(self, fault: str = "") -> tuple[int, str]:
-        return finished(self.begin(fault))
+    def up(self, fault: str = "", autopilot: str = "ardupilot") -> tuple[int, str]:
+        return finished(self.begin(fault, autopilot))
 
     def say(self, command: str) -> tuple[int, str]:
         words = [sys.executable, "-m", "gcs.cli", "sitl", command, "--folder", str(self.folder)]
@@ -183,6 +183,7 @@ def test_killed_while_it_waits_its_simulators_are_still_found(swarm: Swarm) -> N
     [
         ("vehicles: {L0: {link: 'udpin:127.0.0.1:1', system_id: 1}}\n", "have no link"),
         ("mavlink: {system_id: 2}\n", "which is this service's own"),
+        ("mavlink: {signing: {key_variable: KEY}}\n", "leave out mavlink.signing"),
         ("receivers: {}\n", "three.yaml:10:1"),
     ],
 )
@@ -200,6 +201,26 @@ def test_a_playbook_that_names_its_vehicles_is_not_simulated(swarm: Swarm) -> No
     status, said = swarm.up()
     assert status == 2
     assert "names its vehicles already: sitl up starts them itself, leave out 'vehicles'" in said
+
+
+def test_more_vehicles_than_the_simulator_has_ports_for_are_refused_before_any_is_started(swarm: Swarm) -> None:
+    receivers = "".join(f"  U{n}: {{start: [{20 * n}, 30]}}\n" for n in range(1, 10))
+    slots = ", ".join(f"O{n}: [{20 * n}, 60]" for n in range(1, 10))
+    swarm.path.write_text(
+        f"playbook: 1\nname: eleven\nformation: {{kind: custom, slots: {{{slots}}}}}\n"
+        f"transmitters:\n  L0: {{at: [0, 0]}}\n  L1: {{at: [200, 0]}}\nreceivers:\n{receivers}"
+    )
+    (swarm.path.parent / "etc").mkdir()
+    program = swarm.path.parent / "bin" / "px4"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\ntouch started\n")
+    program.chmod(0o755)
+    swarm.environment["PX4"] = str(program)
+    status, said = swarm.up(autopilot="px4")
+    assert status == 2
+    assert "PX4's simulator flies 10 vehicles at most: U9 is one more" in said
+    assert swarm.processes() == {}
+    assert not list(swarm.folder.glob("**/started"))
 
 
 def test_a_folder_with_other_things_in_it_is_left_alone(swarm: Swarm) -> None:
