@@ -8,7 +8,7 @@ import operator
 from collections import deque
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from drivers.bus.keys import SwarmKeys, uav_of
 from drivers.bus.messages import BearingReport, MalformedMessageError, decode
@@ -90,7 +90,7 @@ class BearingFeed:
         self._frame = frame
         self._clock = clock
         self._clocks = clocks or ClockOffsets(receivers, clock)
-        self._reference = reference
+        self.reference: Final = reference
 
     @property
     def counters(self) -> BearingCounters:
@@ -132,7 +132,7 @@ class BearingFeed:
         except MalformedMessageError:
             checks.counters.malformed += 1
             return
-        if report.reference == "body" and self._reference != "body":
+        if report.reference == "body" and self.reference != "body":
             checks.counters.without_heading += 1  # such bearings cannot guide a leg
             return
         captured = self._clocks.captured(receiver, report)

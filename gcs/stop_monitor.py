@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.relay.leg_filter import LegFilter, Unrest, Whereabouts
+from gcs.relay.leg_filter import LegFilter, Nose, Unrest, Whereabouts
 from gcs.relay.response import Agility
 from planner.plan import Leg
 
@@ -63,7 +63,8 @@ class StopMonitor:
     """Follows one leg. `transmitters` are the known places of all it may hear, formation frame, m.
 
     `start` and `start_covariance` (m^2) are the receiver's located place, `time_s` when it was there. `place_sigma_m`
-    says how well the places of transmitters are known, per axis; nothing said: exactly.
+    says how well the places of transmitters are known, per axis; nothing said: exactly. Directions are measured from
+    north, or else all from the receiver's nose, wherever that points.
     """
 
     leg: Leg
@@ -73,7 +74,9 @@ class StopMonitor:
     time_s: float
     rule: ArrivalRule
     place_sigma_m: Mapping[str, float] = field(default_factory=dict)
-    north_sigma_rad: float = 0.0
+    heading_referenced: bool = True
+    agility: Agility = field(default_factory=Agility)
+    unrest: Unrest = field(default_factory=Unrest)
     outliers: int = 0
     """Directions that did not agree with the others and with the motion."""
     stuck: bool = False
@@ -93,9 +96,9 @@ class StopMonitor:
             self.start,
             self.start_covariance,
             self.time_s,
-            Agility(),
-            Unrest(),
-            self.north_sigma_rad,
+            self.agility,
+            self.unrest,
+            None if self.heading_referenced else Nose(),
         )
 
     def begin(self, now_s: float) -> None:

@@ -39,6 +39,15 @@ class Information:
     s: Floats
     t: Complexes
 
+    @classmethod
+    def of(cls, covariance: Floats) -> Information:
+        """Return the information of a place known with a covariance, m^2, shape (2, 2)."""
+        (a, b), (_, d) = np.linalg.inv(covariance)
+        return cls(np.asarray(a + d), np.asarray(a - d + 2j * b))
+
+    def __add__(self, other: Information) -> Information:
+        return Information(self.s + other.s, self.t + other.t)
+
     @property
     def determinant(self) -> Floats:
         """Four times the determinant, 1/m^4."""
@@ -48,6 +57,10 @@ class Information:
     def singular(self) -> NDArray[np.bool_]:
         """Where the position is not fixed."""
         return np.asarray(~(self.determinant > _LEAST_SPREAD * self.s**2))
+
+    def times(self, vector: complex) -> complex:
+        """Return (matrix) vector, of one matrix."""
+        return complex(self.s * vector + self.t * vector.conjugate()) / 2.0
 
     def solve(self, right: ArrayLike) -> Complexes:
         """Return the vectors x with (matrix) x = right; the matrices must not be singular."""

@@ -3,6 +3,7 @@
 Of the seeds, the one most transmitters agree with starts a Gauss-Newton fit; then those that disagree with the fit are
 left out and those that agree taken in until that changes no more. With an unknown heading all directions are turned
 alike: model and residuals are taken about their weighted mean, which is the same as estimating the heading as well.
+Where the receiver was expected, with a covariance, that is one more thing measured.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ def _settle(seen: Sightings, position: complex, turned: Floats) -> _Solution:
     used = (turned / seen.sigmas) ** 2 <= _gate(seen)
     _check_sight(seen, position, turned, used)
     for _ in seen.names:
-        if used.sum() < seen.unknowns:
+        if used.sum() < seen.fewest:
             raise _contradiction(seen, f"only {int(used.sum())} agree")
         position = _least_squares(seen, position, used)
         before, used = used, _agreeing(seen, position, used)
@@ -111,7 +112,7 @@ def _settle(seen: Sightings, position: complex, turned: Floats) -> _Solution:
         raise _contradiction(seen, "those that agree keep changing")
     residuals, _, matrix = _linear_model(seen, position, used)
     _check_sight(seen, position, residuals, used)
-    cost = float(np.minimum((residuals / seen.sigmas) ** 2, _gate(seen)).sum())
+    cost = float(np.minimum((residuals / seen.sigmas) ** 2, _gate(seen)).sum()) + _surprise(seen, position)
     return _Solution(position, used, residuals, matrix, cost)
 
 
@@ -126,7 +127,13 @@ def _information(seen: Sightings, position: complex | Complexes, used: Mask) -> 
     gradients = bearing_gradients(position, seen.places)
     if not seen.heading_known:
         gradients = centred(gradients, weights)
-    return gradients, information(gradients, weights)
+    matrix = information(gradients, weights)
+    return gradients, matrix if seen.expected is None else matrix + seen.expected.information
+
+
+def _surprise(seen: Sightings, position: complex) -> float:
+    """Return the squared normalised misfit of a position to where the receiver was expected."""
+    return 0.0 if seen.expected is None else seen.expected.misfit(position)
 
 
 def _linear_model(seen: Sightings, position: complex, used: Mask) -> tuple[Floats, Complexes, Information]:
@@ -146,10 +153,14 @@ def _least_squares(seen: Sightings, position: complex, used: Mask) -> complex:
     for _ in range(_MOST_STEPS):
         if matrix.singular:
             raise _unfixed(seen)
-        step = complex(matrix.solve((gradients * residuals) @ weights))
+        pull = complex((gradients * residuals) @ weights)
+        if seen.expected is not None:
+            pull += seen.expected.information.times(seen.expected.position - position)
+        step = complex(matrix.solve(pull))
+        cost = residuals**2 @ weights + _surprise(seen, position)
         while abs(step) > _CONVERGED * seen.reach_m(position):
             trial = _linear_model(seen, position + step, used)
-            if trial[0] ** 2 @ weights < residuals**2 @ weights:
+            if trial[0] ** 2 @ weights + _surprise(seen, position + step) < cost:
                 break
             step /= 2.0
         else:
@@ -182,7 +193,9 @@ def _check(seen: Sightings, best: _Solution, solutions: list[_Solution]) -> None
             )
     count = int(best.used.sum())
     spare = count - seen.unknowns
-    rms_sigmas = math.sqrt(((best.residuals / seen.sigmas) ** 2 @ best.used) / max(spare, 1))
+    misfit = (best.residuals / seen.sigmas) ** 2 @ best.used + _surprise(seen, best.position)
+    measured_besides = 0 if seen.expected is None else 2
+    rms_sigmas = math.sqrt(misfit / max(spare + measured_besides, 1))
     outvoted = seen.redundant and (spare < 1 or 2 * count <= len(seen.names))
     if outvoted or rms_sigmas > _GATE:
         raise _contradiction(seen, f"{count} agree, to {rms_sigmas:.1f} standard deviations")
@@ -220,8 +233,12 @@ def _check_sight(seen: Sightings, position: complex, residuals: Floats, used: Ma
 
 
 def _contradiction(seen: Sightings, how: str) -> PositioningError:
+    if seen.expected is None:
+        what, suspect = "each other", "a wrong heading or a wrong place"
+    else:
+        what, suspect = "each other, or where the receiver was expected", "a wrong place or a start known less well"
     return PositioningError(
-        f"the directions to {seen} contradict each other: {how}; look for multipath, a wrong heading or a wrong place, "
+        f"the directions to {seen} contradict {what}: {how}; look for multipath, {suspect}, "
         "or switch on another transmitter"
     )
 

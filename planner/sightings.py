@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.angles import wrap_all
-from planner.dilution import Complexes, Floats
+from planner.dilution import Complexes, Floats, Information
 from planner.errors import PositioningError
 
 _LEAST_SIGMA_RAD = 1e-9
@@ -17,14 +17,30 @@ _LEAST_SIGMA_RAD = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """Where the receiver was expected before anything was seen, m, and the information of that, 1/m^2."""
+
+    position: complex
+    information: Information
+
+    def misfit(self, position: complex) -> float:
+        """Return how far a position is from there, in standard deviations, squared."""
+        return float(self.information.form(position - self.position))
+
+
+@dataclass(frozen=True, eq=False)
 class Sightings:
-    """The directions (n,), rad, to transmitters at known places, and how well each is known."""
+    """The directions (n,), rad, to transmitters at known places, and how well each is known.
+
+    What was `expected` counts like what is seen.
+    """
 
     names: tuple[str, ...]
     directions: Floats
     places: Complexes
     sigmas: Floats
     heading_known: bool
+    expected: Expected | None = None
 
     def __str__(self) -> str:
         return ", ".join(self.names) or "none"
@@ -35,8 +51,13 @@ class Sightings:
         return 2 if self.heading_known else 3
 
     @property
+    def fewest(self) -> int:
+        """How many directions are needed: two are enough where a receiver was expected."""
+        return self.unknowns if self.expected is None else 2
+
+    @property
     def redundant(self) -> bool:
-        """Whether one direction can be rejected and the rest still be checked."""
+        """Whether one direction can be rejected and the rest still be checked: by each other, not by expectation."""
         return len(self.names) >= self.unknowns + 2
 
     def reach_m(self, position: complex) -> float:
@@ -55,6 +76,7 @@ def take_sightings(
     sigma_rad: float | Mapping[str, float],
     *,
     heading_known: bool,
+    expected: Expected | None = None,
 ) -> Sightings:
     """Return the sightings of the named transmitters; PositioningError when they cannot fix any receiver."""
     names = tuple(directions_rad)
@@ -75,8 +97,9 @@ def take_sightings(
         np.array([transmitters[name] for name in names], dtype=np.complex128),
         np.maximum(np.array([sigmas[name] for name in names], dtype=np.float64), _LEAST_SIGMA_RAD),
         heading_known,
+        expected,
     )
-    if len(names) < seen.unknowns:
-        needs = "two transmitters" if heading_known else "three transmitters while the heading is unknown"
+    if len(names) < seen.fewest:
+        needs = "three transmitters while the heading is unknown" if seen.fewest > 2 else "two transmitters"
         raise PositioningError(f"locating takes {needs}, only {seen} heard: switch on another")
     return seen

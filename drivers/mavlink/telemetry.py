@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
@@ -13,6 +14,7 @@ from planner.frames import GeodeticPosition
 
 _STATUS_TEXTS_KEPT: Final = 20
 _UNKNOWN_MV: Final = 65535
+_UNKNOWN_HEADING: Final = 65535
 _POLE_E7: Final = 90 * 10**7
 _DATE_LINE_E7: Final = 180 * 10**7
 
@@ -48,6 +50,8 @@ class Kinematics:
     time_s: float
     position: GeodeticPosition
     velocity_ned_mps: tuple[float, float, float]
+    heading_rad: float | None = None
+    """Azimuth of the nose; None when it does not say."""
 
     @classmethod
     def of(cls, message: Message, time_s: float) -> Kinematics | None:
@@ -58,6 +62,7 @@ class Kinematics:
             time_s=time_s,
             position=GeodeticPosition(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3),
             velocity_ned_mps=(message.vx * 0.01, message.vy * 0.01, message.vz * 0.01),
+            heading_rad=None if message.hdg == _UNKNOWN_HEADING else math.radians(message.hdg * 0.01),
         )
 
 

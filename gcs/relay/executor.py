@@ -7,14 +7,14 @@ has taken over is left alone from then on, and a transmitter among them is not t
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Final, Protocol
 
 from drivers.clock import Clock
 from drivers.mavlink.setpoints import StreamState
 from drivers.tasks import background
 from gcs.bearings import BearingFeed
-from gcs.errors import HoldRequiredError
+from gcs.errors import HoldRequiredError, ServiceError
 from gcs.relay.emission import EmissionControl
 from gcs.relay.journey import Journey, NoWayError, Surroundings
 from gcs.relay.leg_flight import Announce, SetpointLease
@@ -24,8 +24,13 @@ from gcs.relay.schedule import Departure, hovering_beside, next_departure
 from gcs.relay.settings import RelaySettings
 from gcs.relay.standing import Standing
 from gcs.relay.states import ENDED, IN_FLIGHT, ReceiverState
+from gcs.relay.verification import verify
+from gcs.traced_monitor import Trace, untraced
 from planner.frames import FormationFrame
 from planner.relay import RelayProblem
+
+Work = Callable[[Journey], Awaitable[None]]
+"""What is done for one receiver."""
 
 Objection = Callable[[str], str | None]
 """Says why a vehicle must not move now, or None."""
@@ -50,7 +55,10 @@ class RelayExecutor:
 
     `announce` is told every change of a receiver, `say` what concerns the relay as a whole. Attended, it waits for the
     operator when it is held; unattended that ends it, unless the operator held it. `problem` says what new routes must
-    keep to; without it the separation alone.
+    keep to; without it the separation alone. `unverified` are receivers that an earlier service left PLACED or HELD:
+    they are located first, in this order, and none of them counts as a transmitter before. ServiceError when the
+    problem counts on north and the bearings do not, or the other way round.
+    `bring` is how one is brought to its slot: only studies say another way.
     """
 
     def __init__(
@@ -68,7 +76,10 @@ class RelayExecutor:
         announce: Announce,
         say: Callable[[str], None] = lambda _: None,
         problem: RelayProblem | None = None,
+        trace: Trace = untraced,
         attended: bool = False,
+        unverified: Sequence[str] = (),
+        bring: Work = Journey.fly,
     ) -> None:
         self.records = records
         self.leases = leases
@@ -89,16 +100,24 @@ class RelayExecutor:
         self._say = say
         self._attended = self._waits = attended
         routes = {name: record.route for name, record in records.items()}
-        problem = around_routes(problem or bare_problem(routes, transmitters, settings.min_separation_m), routes)
-        self._around = Surroundings(self.standing, emission, frame, clock, settings, problem, announce)
+        from_north = feed.reference == "true_north"
+        problem = problem or bare_problem(
+            routes, transmitters, settings.min_separation_m, heading_referenced=from_north
+        )
+        if problem.heading_referenced != from_north:
+            raise ServiceError("the plan and the bearings must refer to the same: both to true_north, or both to body")
+        problem = around_routes(problem, routes)
+        self._around = Surroundings(self.standing, emission, frame, clock, settings, problem, announce, trace)
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._resumed: set[str] = set()
+        self._unverified = list(unverified)
+        self._bring_by = bring
         self._changed = asyncio.Event()
 
     @property
     def formed(self) -> bool:
-        """Whether every receiver is PLACED."""
-        return all(record.state is ReceiverState.PLACED for record in self.records.values())
+        """Whether every receiver is PLACED, and found there."""
+        return not self._unverified and all(record.state is ReceiverState.PLACED for record in self.records.values())
 
     async def run(self) -> None:
         """Fly the waves one after another; return when all are PLACED or FAILED, or the relay does not go on.
@@ -120,6 +139,9 @@ class RelayExecutor:
         self._changed.clear()
         self.look()
         departure = None
+        if self.held is None and (unverified := self._next_unverified()) is not None:
+            await self._verify(unverified)
+            return
         if self.held is None:
             departure = next_departure(self.records, self._resumed, self.standing, self._settings.min_separation_m)
         if departure is not None:
@@ -131,6 +153,11 @@ class RelayExecutor:
             self._say(f"waiting for the operator: {', or '.join(self.ways_out())}")
             await self._changed.wait()
             self.waiting = False
+
+    def _next_unverified(self) -> ReceiverRecord | None:
+        """Return who is located next of those that an earlier service left, or None when nobody is left to locate."""
+        left = (self.records[name] for name in self._unverified)
+        return next((record for record in left if record.state in (ReceiverState.PLACED, ReceiverState.HELD)), None)
 
     def ways_out(self) -> list[str]:
         """Return the commands of the operator that change something while the relay does not go on."""
@@ -208,13 +235,14 @@ class RelayExecutor:
         """Leave a vehicle to its pilot; the others hold when it was on its way or is needed as a transmitter."""
         record = self.records.get(name)
         on_its_way = record is not None and record.state not in ENDED
-        needed = name in self._around.emission.on_air or bool(self.users(name))
+        needed = name not in self.given_up and (name in self._around.emission.on_air or bool(self.users(name)))
         self.taken.add(name)
         self.standing.lose(name)
         self._cancel(name)
         if record is None:
             self._say(f"{name}: {_TAKEN}")
         elif record.state is not ReceiverState.FAILED:
+            record.strayed = True
             self._around.enter(record, ReceiverState.PILOT, _TAKEN)
         if on_its_way or needed:
             self.hold(f"{name} was taken over: {_TAKEN}")
@@ -241,11 +269,26 @@ class RelayExecutor:
                 self._tasks[record.name] = group.create_task(self._bring(record, alone=departure.alone))
         self._tasks.clear()
 
+    async def _verify(self, record: ReceiverRecord) -> None:
+        """Locate a receiver that an earlier service left."""
+
+        async def located(journey: Journey) -> None:
+            await verify(journey)
+            self._unverified.remove(record.name)
+
+        async with asyncio.TaskGroup() as group:
+            self._tasks[record.name] = group.create_task(self._work_on(record, located, alone=True))
+        self._tasks.clear()
+
     async def _bring(self, record: ReceiverRecord, *, alone: bool) -> None:
         """Bring one receiver to its slot, or leave it HELD, in PILOT or FAILED with the reason."""
+        await self._work_on(record, self._bring_by, alone=alone)
+
+    async def _work_on(self, record: ReceiverRecord, work: Work, *, alone: bool) -> None:
+        """Do this for one receiver, or leave it HELD, in PILOT or FAILED with the reason."""
         try:
             with self._feed.listen(record.name) as observations:
-                await Journey(
+                journey = Journey(
                     record,
                     self._around,
                     self.leases[record.name],
@@ -253,7 +296,8 @@ class RelayExecutor:
                     objection=lambda: self._forbidden(record.name),
                     again=record.state is ReceiverState.HELD,
                     hovering=hovering_beside(record.name, self.records) if alone else None,
-                ).fly()
+                )
+                await work(journey)
         except HoldRequiredError as problem:
             self._tasks.pop(record.name, None)  # it ends by itself
             self._halt(record, problem)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -18,9 +19,10 @@ from gcs.relay.locating import hear, locate, too_few, transmitters_to_hear
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.rerouting import reroute
 from gcs.relay.settings import RelaySettings
-from gcs.relay.standing import Standing, worst_sigma_m
+from gcs.relay.standing import STANDING_SIGMA_M, Standing, sigma_towards_m, worst_sigma_m
 from gcs.relay.states import ReceiverState, require_transition
 from gcs.stop_monitor import SLOT, TURN, StopMonitor
+from gcs.traced_monitor import Trace, TracedMonitor, untraced
 from planner.errors import PlannerError
 from planner.frames import FormationFrame
 from planner.plan import Route
@@ -28,8 +30,13 @@ from planner.positioning import Fix
 from planner.relay import RelayProblem
 from planner.replan import replan
 
+Reals = NDArray[np.float64]
+
 COMING_TO_REST_S: Final = 3.0
 """A vehicle that was held, or released, is located when it hovers: a copter stops within this from its fastest."""
+
+_HELD_SIGMA_M: Final = 1.0
+"""How far off one may hover that was told to stop, from where that should have brought it."""
 
 MOST_TRIMS: Final = 2
 _TRIMMED_M: Final = 0.3
@@ -55,6 +62,7 @@ class Surroundings:
     settings: RelaySettings
     problem: RelayProblem
     announce: Announce
+    trace: Trace = untraced
 
     def enter(self, record: ReceiverRecord, state: ReceiverState, reason: str = "") -> None:
         """Change the state of a receiver as the table allows, and tell."""
@@ -86,33 +94,49 @@ class Journey:
         if self.again:
             record.legs.clear()
             await self.around.clock.sleep(COMING_TO_REST_S)
-        fix = await self._whereabouts()
+        fix = await self.whereabouts()
         record.route = self._route_from(fix.position)
-        record.place, record.off_plan = fix.position, self.hovering is not None
+        record.place, record.covariance = fix.position, fix.covariance
+        record.strayed, record.off_plan = False, self.hovering is not None
         await self._verify(await self._legs(fix))
 
-    async def _whereabouts(self) -> Fix:
+    async def whereabouts(self) -> Fix:
         """Locate the receiver before it flies; again where it turns out to be far from where it was looked for."""
-        route, settings = self.record.route, self.around.settings
-        prior = route.start if self.record.place is None else self.record.place
+        record, settings = self.record, self.around.settings
+        prior, covariance = self._expected()
         if self.hovering is None:
-            return await self._located(route.transmitters, settings.locate_samples, prior)
+            return await self._located(record.route.transmitters, settings.locate_samples, prior, covariance)
         for _ in range(_FIXES):
-            fix = await self._located((), settings.locate_samples, prior)
+            fix = await self._located((), settings.locate_samples, prior, covariance)
             if abs(fix.position - prior) <= settings.start_tolerance_m:
                 break
-            prior = fix.position
+            prior, covariance = fix.position, None
         return fix
 
-    async def _located(
-        self, needed: Collection[str], samples: int, prior: complex, monitor: StopMonitor | None = None
-    ) -> Fix:
-        """Locate the receiver that hovers near `prior`. HoldRequiredError when bearings do not fix its place.
+    def _expected(self) -> tuple[complex, Reals | None]:
+        """Return where the receiver should be, and the covariance of that, m^2; None: it may be anywhere."""
+        record = self.record
+        if record.place is None:
+            start_sigma_m = max(self.around.problem.start_sigma_m, STANDING_SIGMA_M)
+            place, covariance = record.route.start, _wider(np.zeros((2, 2)), start_sigma_m)
+        else:
+            place, covariance = record.place, _wider(record.covariance, _HELD_SIGMA_M)
+        return place, None if record.strayed else covariance
 
-        A stop monitor is told what is heard for it.
+    async def _located(
+        self,
+        needed: Collection[str],
+        samples: int,
+        prior: complex,
+        covariance: Reals | None,
+        monitor: StopMonitor | None = None,
+    ) -> Fix:
+        """Locate the receiver that hovers near `prior`, known with a covariance, m^2, or hardly.
+
+        A stop monitor is told what is heard for it. HoldRequiredError when bearings do not fix its place.
         """
-        standing = self.around.standing
-        names = transmitters_to_hear(prior, needed, standing.places)
+        standing, from_north = self.around.standing, self.around.problem.heading_referenced
+        names = transmitters_to_hear(prior, needed, standing.places, heading_referenced=from_north)
         if len(names) < 2:
             raise NoWayError(f"it takes two transmitters to be located, and there is {', '.join(names) or 'none'} left")
         self.around.emission.need(self.record.name, names)
@@ -129,7 +153,8 @@ class Journey:
                 "check its sensor and the transmitters"
             )
         try:
-            return locate(heard, {name: standing.places[name] for name in sorted(names)}, standing.sigma_m, prior)
+            places = {name: standing.places[name] for name in sorted(names)}
+            return locate(heard, places, standing.sigma_m, prior, covariance, heading_referenced=from_north)
         except PlannerError as error:
             raise HoldRequiredError(f"it could not be located: {error}") from error
 
@@ -177,12 +202,22 @@ class Journey:
             around.emission.need(record.name, {leg.guide, *leg.stop_reference})
             rule = SLOT if number == len(record.route.legs) else TURN
             transmitters, sigma_m = dict(around.standing.places), dict(around.standing.sigma_m)
-            monitor = StopMonitor(leg, transmitters, place, covariance, around.clock.now_s(), rule, sigma_m)
+            monitor = TracedMonitor(
+                leg,
+                transmitters,
+                place,
+                covariance,
+                around.clock.now_s(),
+                rule,
+                sigma_m,
+                heading_referenced=around.problem.heading_referenced,
+                tell=partial(around.trace, record.name),
+            )
             try:
                 await self._leg_flight(monitor).fly()
             finally:
-                place, covariance = monitor.place()
-                record.place = place
+                record.place, record.covariance = monitor.standing_place()
+            place, covariance = monitor.place()
         return monitor
 
     def _leg_flight(self, monitor: StopMonitor) -> LegFlight:
@@ -208,25 +243,41 @@ class Journey:
         for trims_left in reversed(range(MOST_TRIMS + 1)):
             around.enter(record, ReceiverState.VERIFYING)
             await around.clock.sleep(around.settings.settle_s)
-            fix = await self._located(route.transmitters, around.settings.verify_samples, route.target, monitor)
+            fix = await self._located(
+                route.transmitters,
+                around.settings.verify_samples,
+                route.target,
+                _wider(record.covariance, around.settings.placement_tolerance_m),
+                monitor,
+            )
             place, covariance = (fix.position, fix.covariance) if monitor is None else monitor.standing_place()
-            record.place = place
+            record.place, record.covariance = place, covariance
             off_m = abs(place - route.target)
-            if monitor is None or not trims_left or not _worth_trimming(off_m, covariance):
+            if monitor is None or not trims_left or not _worth_trimming(place - route.target, covariance):
                 break
             around.enter(record, ReceiverState.TRIMMING, f"bearings put it {off_m:.2f} m from {route.slot}")
             await self._leg_flight(monitor).fly()
-        allowed_m = around.settings.placement_tolerance_m + 3.0 * worst_sigma_m(fix.covariance)
+        tolerance_m = around.settings.placement_tolerance_m
         for known_as, at in (("bearings put it", fix.position), ("its last leg and bearings put it", place)):
+            allowed_m = tolerance_m + 3.0 * sigma_towards_m(at - route.target, fix.covariance)
             if abs(at - route.target) > allowed_m:
                 raise HoldRequiredError(
                     f"{known_as} {abs(at - route.target):.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)"
                 )
+        if worst_sigma_m(covariance) > tolerance_m:
+            raise HoldRequiredError(
+                f"it is not known to {tolerance_m:g} m whether it stands in {route.slot}: it hears too few transmitters"
+            )
         record.off_plan = False
         around.standing.join(record.name, place, covariance)
         around.enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {route.slot}")
 
 
-def _worth_trimming(off_m: float, covariance: NDArray[np.float64]) -> bool:
+def _wider(covariance: Reals | None, sigma_m: float) -> Reals | None:
+    """Return the covariance of what may besides be off by `sigma_m` on each axis."""
+    return None if covariance is None else covariance + np.eye(2) * sigma_m**2
+
+
+def _worth_trimming(off: complex, covariance: Reals) -> bool:
     """Return whether a trim leg would bring a receiver nearer: its offset is known better than it is small."""
-    return off_m > max(_TRIMMED_M, _TRIMMED_SIGMAS * worst_sigma_m(covariance))
+    return abs(off) > max(_TRIMMED_M, _TRIMMED_SIGMAS * sigma_towards_m(off, covariance))

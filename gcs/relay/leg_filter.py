@@ -3,8 +3,11 @@
 A receiver holds a place, which the commands move (`response`). About that place it sways, as gusts and its own braking
 make it, and from it it drifts, as one does that holds velocity and no position. The filter estimates by how much the
 commanded motion is off, the sway and the drift. A direction is seen from where the receiver is, the held place plus
-the sway; all directions of a receiver share what its north is off, and each transmitter stands where it is believed
-to, give or take. Every direction counts by itself: one that lies does not take the others along.
+the sway; each transmitter stands where it is believed to, give or take. Every direction counts by itself: one that
+lies does not take the others along.
+
+Without north, directions are measured from the nose. Where it points is one thing more to estimate, which all
+directions of a report share: the first report tells, and it is held from then on, give or take.
 """
 
 from __future__ import annotations
@@ -30,13 +33,17 @@ _DOUBT_M: Final = 0.1
 _DOUBT_MPS: Final = 0.5
 """What a report adds to the covariance in which fewer than two directions agree: those that keep agreeing win."""
 _BY_CHANCE: Final = 1
-"""So many such reports in a row mean nothing."""
+"""So many such reports in a row mean nothing..."""
+_TURNED: Final = 4
+"""...and so many that the nose has turned."""
 _ADAPTED_PER_BEARING: Final = 0.02
 _ROUGHEST: Final = 200.0
+_ANYWHERE_RAD: Final = 1.0
+"""A standard deviation so wide that the first direction says alone where the nose points."""
 
 _HELD, _SPEED, _SWAY, _DRIFT = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
-_NORTH: Final = 8
-_OWN: Final = 9
+_NORTH, _YAW = 8, 9
+_OWN: Final = 10
 _ITS: Final = 4
 _SEEN: Final = np.hstack([np.eye(2), np.zeros((2, 2)), np.eye(2)])
 """Where the receiver is, from (held, speed, sway)."""
@@ -57,6 +64,17 @@ class Unrest:
     drift_s: float = 20.0
     drift_mps: float = 0.03
     """...and how long and how fast one drifts."""
+
+
+@dataclass(frozen=True)
+class Nose:
+    """How the nose of a vehicle moves that holds its heading: it yaws about where it points, and that wanders."""
+
+    yaw_rad: float = math.radians(0.2)
+    """In calm air; rougher air is noticed."""
+    yaw_s: float = 1.0
+    wander_rad: float = math.radians(0.02)
+    """Per square root of a second."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +111,7 @@ class LegFilter:
     """Follows one receiver along `course`, a unit vector, to `end`; points in the formation frame, m.
 
     `covariance`, m^2, shape (2, 2), is of the located `start`; `place_sigma_m` of the transmitters' places, per axis,
-    nothing said: exact. `north_sigma_rad` is by how much the receiver's north may be off.
+    nothing said: exact. `nose` is what directions are measured from; None: they are measured from north.
     """
 
     def __init__(
@@ -107,9 +125,10 @@ class LegFilter:
         time_s: float,
         agility: Agility,
         unrest: Unrest,
-        north_sigma_rad: float,
+        nose: Nose | None,
     ) -> None:
-        self._end, self._course, self._unrest = end, course, unrest
+        self._end, self._course, self._unrest, self._nose = end, course, unrest, nose
+        self._north_known = nose is None
         self._transmitters = dict(transmitters)
         self._place_sigma_m = dict(place_sigma_m)
         self._index: dict[str, int] = {}
@@ -120,7 +139,7 @@ class LegFilter:
         self._disagreed = 0
         self._state = np.zeros(_OWN)
         sigmas = [0.0, _INITIAL_SPEED_SIGMA_MPS, unrest.sway_m, unrest.drift_mps]
-        variances = [sigma**2 for sigma in (*np.repeat(sigmas, 2), north_sigma_rad)]
+        variances = [sigma**2 for sigma in (*np.repeat(sigmas, 2), 0.0, 0.0)]
         self._covariance: Reals = np.diag(variances)
         self._axes = np.array([[course.real, -course.imag], [course.imag, course.real]])
         self._covariance[_HELD, _HELD] = self._axes.T @ covariance @ self._axes
@@ -138,15 +157,22 @@ class LegFilter:
         """
         if captured_s > self._time_s:
             self._carry_on(captured_s)
-        for name in directions_rad.keys() - self._index.keys():
-            self._add(name)
-        plausible = [name for name in directions_rad if self._agrees(name, directions_rad, sigma_rad)]
+        for name in directions_rad:
+            if name not in self._index:
+                self._add(name)
+        searched = not self._north_known
+        if searched and len(directions_rad) < 2:
+            return frozenset()
+        ordered = self._find_north(directions_rad, sigma_rad) if searched else list(directions_rad)
+        plausible = [name for name in ordered if self._agrees(name, directions_rad, sigma_rad)]
         agreeing = frozenset(name for name in plausible if self._take(name, directions_rad, sigma_rad))
-        enough = len(agreeing) > 1 or len(agreeing) == len(directions_rad)
+        enough = len(agreeing) > 1 or (not searched and len(agreeing) == len(directions_rad))
         self._disagreed = 0 if enough else self._disagreed + 1
         if self._disagreed > _BY_CHANCE:
             self._covariance[_HELD, _HELD] += np.eye(2) * _DOUBT_M**2
             self._covariance[_SPEED, _SPEED] += np.eye(2) * _DOUBT_MPS**2
+        if self._nose is not None:
+            self._north_known = enough or (not searched and self._disagreed < _TURNED)
         return agreeing
 
     @property
@@ -192,6 +218,25 @@ class LegFilter:
         covariance[range(size, size + _ITS), range(size, size + _ITS)] = place, place, sway, sway
         self._covariance = covariance
 
+    def _find_north(self, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]) -> list[str]:
+        """Take the nose to point where most directions say; return them with those first that say so most clearly."""
+        unknown = [_NORTH, _YAW]
+        self._state[unknown] = 0.0
+        self._covariance[unknown, :] = self._covariance[:, unknown] = 0.0
+        sights = {name: self._sight(name, direction, sigma_rad[name]) for name, direction in directions_rad.items()}
+
+        def apart(one: str, other: str) -> float:
+            """Return by how much two directions contradict each other, in standard deviations."""
+            off_rad = wrap(sights[one].surplus_rad - sights[other].surplus_rad)
+            return min(abs(off_rad) / math.sqrt(sights[one].variance + sights[other].variance), OUTLIER_SIGMAS)
+
+        middle = min(sights, key=lambda name: sum(apart(name, other) for other in sights))
+        self._state[_NORTH] = sights[middle].surplus_rad
+        self._covariance[_NORTH, _NORTH] = _ANYWHERE_RAD**2
+        if self._nose is not None:
+            self._covariance[_YAW, _YAW] = self._roughness * self._nose.yaw_rad**2
+        return sorted(sights, key=lambda name: apart(name, middle))
+
     def _seen(self) -> complex:
         return self._response.place + self._response.overshoot + complex(*(self._state[_HELD] + self._state[_SWAY]))
 
@@ -220,9 +265,9 @@ class LegFilter:
         by_own, by_its = -self._course / towards, 1.0 / towards
         gradient = np.zeros(self._state.size)
         gradient[_HELD] = gradient[_SWAY] = by_own.imag, by_own.real
-        gradient[_NORTH] = 1.0
+        gradient[[_NORTH, _YAW]] = 1.0
         gradient[placed] = gradient[swayed] = by_its.imag, by_its.real
-        surplus_rad = wrap(direction_rad - cmath.phase(towards) - float(self._state[_NORTH]))
+        surplus_rad = wrap(direction_rad - cmath.phase(towards) - float(self._state[_NORTH] + self._state[_YAW]))
         crossed = self._covariance @ gradient
         return _Sight(surplus_rad, gradient, crossed, float(gradient @ crossed) + sigma_rad**2)
 
@@ -236,6 +281,8 @@ class LegFilter:
         transition[:_NORTH, :_NORTH] = _transition(unrest, step_s)
         for first in self._index.values():
             transition[[first + 2, first + 3], [first + 2, first + 3]] = math.exp(-step_s / unrest.sway_s)
+        if self._nose is not None:
+            transition[_YAW, _YAW] = math.exp(-step_s / self._nose.yaw_s)
         self._state = transition @ self._state
         sway = self._roughness * unrest.sway_m**2 * -math.expm1(-2.0 * step_s / unrest.sway_s)
         added = [
@@ -249,6 +296,9 @@ class LegFilter:
         for first in self._index.values():
             swayed = [first + 2, first + 3]
             self._covariance[swayed, swayed] += sway
+        if self._nose is not None:
+            yaw = self._roughness * self._nose.yaw_rad**2 * -math.expm1(-2.0 * step_s / self._nose.yaw_s)
+            self._covariance[[_NORTH, _YAW], [_NORTH, _YAW]] += self._nose.wander_rad**2 * step_s, yaw
         self._time_s = to_s
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -90,6 +90,7 @@ class LegFlight:
     def _usable(self, observation: Observation, now_s: float) -> bool:
         """Return whether an observation is something to steer by: two directions or more agree, and none is missed."""
         agreeing = self.monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
+        self.record.legs[-1].outliers = self.monitor.outliers
         for name in agreeing & self._agreed_s.keys():
             self._agreed_s[name] = now_s
         return len(agreeing) > 1 and not self._late(now_s)
@@ -117,7 +118,7 @@ class LegFlight:
         arrived = self.monitor.arrived(now)
         if not self.monitor.dwelling:
             self._angle_errors_rad.clear()
-        measured_rad = _subtended(flown.leg, observation)
+        measured_rad = subtended(flown.leg, observation.directions_rad)
         if measured_rad is not None:
             flown.measured_angle_rad = measured_rad
             self._angle_errors_rad.append(wrap(measured_rad - flown.leg.stop_angle_rad))
@@ -144,7 +145,7 @@ class LegFlight:
             self.announce(self.record)
 
 
-def _subtended(leg: Leg, observation: Observation) -> float | None:
+def subtended(leg: Leg, directions_rad: Mapping[str, float]) -> float | None:
     """Return the subtended angle of the leg's stop reference, or None when one of the two is not heard."""
-    first, second = (observation.directions_rad.get(name) for name in leg.stop_reference)
+    first, second = (directions_rad.get(name) for name in leg.stop_reference)
     return None if first is None or second is None else wrap(second - first)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.bearings import Observation, Observations
 from planner.angles import wrap, wrap_all
 from planner.errors import PositioningError
-from planner.positioning import Fix, dilution, locate_by_bearings
+from planner.positioning import Fix, dilution, locate_by_bearings, locate_by_subtended_angles
 
 WANTED_DILUTION_M_PER_RAD: Final = 400.0
 """Above this a fix is blurred (7 m per degree): one more transmitter is switched on."""
@@ -26,20 +28,28 @@ _MOST_REPORTS: Final = 4
 _LEAST_SPREAD_RAD: Final = math.radians(0.01)
 
 
-def transmitters_to_hear(place: complex, needed: Collection[str], standing: Mapping[str, complex]) -> frozenset[str]:
+def transmitters_to_hear(
+    place: complex, needed: Collection[str], standing: Mapping[str, complex], *, heading_referenced: bool = True
+) -> frozenset[str]:
     """Return the transmitters to locate a receiver by that is near `place`, m.
 
     Those its route needs anyway; where they fix the place badly, also those of the standing ones that sharpen it most,
     until two are heard and the dilution is as wanted or nothing helps any more.
     """
+
+    def blurred(names: Collection[str]) -> float:
+        """Return the GDOP of transmitters, m/rad; infinite for fewer than two."""
+        heard_at = [standing[name] for name in sorted(names)]
+        return float(dilution(place, heard_at, heading_referenced)) if len(heard_at) > 1 else math.inf
+
     heard = set(needed)
     others = set(standing) - heard
     while others:
-        blur = _dilution(place, heard, standing)
+        blur = blurred(heard)
         if len(heard) >= 2 and blur <= WANTED_DILUTION_M_PER_RAD:
             break
-        best = min(sorted(others), key=lambda name: _dilution(place, heard | {name}, standing))
-        if len(heard) >= 2 and _dilution(place, heard | {best}, standing) > 0.9 * blur:
+        best = min(sorted(others), key=lambda name: blurred(heard | {name}))
+        if len(heard) >= 2 and blurred(heard | {best}) > 0.9 * blur:
             break
         heard.add(best)
         others.discard(best)
@@ -71,12 +81,18 @@ def locate(
     transmitters: Mapping[str, complex],
     place_sigma_m: Mapping[str, float],
     prior: complex,
+    prior_covariance: NDArray[np.float64] | None = None,
+    *,
+    heading_referenced: bool = True,
 ) -> Fix:
     """Return where the receiver stood while it made these observations, by those of each transmitter that hold it.
 
     `place_sigma_m` says how well each transmitter's own place is known, m: near by, that counts more than noise does.
+    Directions from the nose fix less: then what is known of the prior, its covariance, m^2, counts as well.
     Raises PositioningError when they do not fix one place.
     """
+    if not heading_referenced:
+        observations = _turned_alike(observations)
     heard = {name: [o for o in observations if name in o.directions_rad] for name in transmitters}
     directions = {name: typical_direction([o.directions_rad[name] for o in of_one]) for name, of_one in heard.items()}
     noise = {name: of_one[-1].sigma_rad[name] / math.sqrt(len(of_one)) for name, of_one in heard.items()}
@@ -86,12 +102,28 @@ def locate(
             name: math.hypot(noise[name], math.hypot(place_sigma_m[name], sway_m) / abs(at - prior))
             for name, at in transmitters.items()
         }
-        return locate_by_bearings(directions, transmitters, sigma, prior=prior)
+        if heading_referenced:
+            return locate_by_bearings(directions, transmitters, sigma, prior)
+        return locate_by_subtended_angles(directions, transmitters, sigma, prior, prior_covariance)
 
     for sway_m in _SWAYS_M[:-1]:
         with contextlib.suppress(PositioningError):
             return located(sway_m)
     return located(_SWAYS_M[-1])
+
+
+def _turned_alike(observations: Sequence[Observation]) -> list[Observation]:
+    """Return observations as if the nose had always pointed at one transmitter: it yaws while a receiver hovers.
+
+    It is the one heard most often; observations without it are left out.
+    """
+    heard = [name for observation in observations for name in observation.directions_rad]
+    ahead = max(heard, key=heard.count, default="")
+    return [
+        replace(o, directions_rad={name: wrap(at - o.directions_rad[ahead]) for name, at in o.directions_rad.items()})
+        for o in observations
+        if ahead in o.directions_rad
+    ]
 
 
 def typical_direction(directions_rad: Sequence[float]) -> float:
@@ -104,10 +136,3 @@ def typical_direction(directions_rad: Sequence[float]) -> float:
     spread = max(_MAD_TO_SIGMA * float(np.median(np.abs(offsets))), _LEAST_SPREAD_RAD)
     kept = about[np.abs(offsets) <= _OUTLIER_SIGMAS * spread]
     return wrap(float(kept[0] + np.mean(wrap_all(kept - kept[0]))))
-
-
-def _dilution(place: complex, heard: Collection[str], standing: Mapping[str, complex]) -> float:
-    """Return the GDOP of the transmitters heard, m/rad; infinite for fewer than two."""
-    if len(heard) < 2:
-        return math.inf
-    return float(dilution(place, [standing[name] for name in sorted(heard)], heading_referenced=True))

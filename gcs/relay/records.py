@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs.relay.states import IN_FLIGHT, ReceiverState
 from gcs.stop_monitor import LegEstimate
 from planner.plan import Leg, Route
@@ -18,6 +21,8 @@ class LegRecord:
     ended_s: float | None = None
     stop_angle_error_rad: float | None = None
     estimate: LegEstimate | None = None
+    outliers: int = 0
+    """Directions that did not agree with the others and with the motion."""
     measured_angle_rad: float | None = None
     """The latest subtended angle of the stop reference, as measured."""
 
@@ -32,7 +37,11 @@ class ReceiverRecord:
     legs: list[LegRecord] = field(default_factory=list)
     """The legs flown since it was last located."""
     place: complex | None = None
-    """Where bearings put it last, formation frame, m."""
+    """Where bearings put it last, formation frame, m..."""
+    covariance: NDArray[np.float64] | None = None
+    """...and the covariance of that, m^2."""
+    strayed: bool = False
+    """Whether a pilot has had it since: it may be anywhere."""
     off_plan: bool = False
     """Whether it cannot keep to its planned route: somebody else has moved it, or it has no way along it."""
 

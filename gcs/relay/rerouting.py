@@ -67,7 +67,11 @@ def passes_near(route: Route, hovering: Mapping[str, complex], min_separation_m:
 
 
 def bare_problem(
-    routes: Mapping[str, Route], transmitters: Mapping[str, complex], min_separation_m: float
+    routes: Mapping[str, Route],
+    transmitters: Mapping[str, complex],
+    min_separation_m: float,
+    *,
+    heading_referenced: bool = True,
 ) -> RelayProblem:
     """Return the problem that planned routes came from, as far as they tell."""
     return RelayProblem(
@@ -75,7 +79,7 @@ def bare_problem(
         {name: route.start for name, route in routes.items()},
         {route.slot: route.target for route in routes.values()},
         min_separation_m=min_separation_m,
-        heading_referenced=True,
+        heading_referenced=heading_referenced,
     )
 
 

@@ -50,3 +50,11 @@ class Standing:
 def worst_sigma_m(covariance: NDArray[np.float64]) -> float:
     """Return the standard deviation along the worst axis of a covariance, m."""
     return math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+
+
+def sigma_towards_m(way: complex, covariance: NDArray[np.float64]) -> float:
+    """Return the standard deviation along a way, m; along the worst axis where there is none."""
+    if not way:
+        return worst_sigma_m(covariance)
+    along = np.array([way.real, way.imag]) / abs(way)
+    return math.sqrt(float(along @ covariance @ along))
