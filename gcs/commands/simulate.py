@@ -1,4 +1,4 @@
-"""`simulate`: a playbook flown many times over in virtual time."""
+"""`simulate`: a playbook flown many times over in virtual time, by itself or beside the paper's relay."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from datetime import UTC, datetime
+from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
@@ -17,11 +18,20 @@ from rich.table import Table
 from gcs.commands.options import MethodName, PlaybookPath, Seed, SigmaDeg, changed
 from gcs.errors import ServiceError
 from gcs.playbook.loader import load_playbook
+from gcs.playbook.schema import Playbook
 from gcs.recording.run_folder import write_json
+from gcs.reports.page import write_page
+from gcs.simulate.comparison import Arm, arms_of, comparison
+from gcs.simulate.comparison_page import comparison_page
 from gcs.simulate.outcome import RunResult
 from gcs.simulate.pictures import draw_placement_errors
-from gcs.simulate.study import StudyFolder, dask_pool, fly_study, local_pool, processors
+from gcs.simulate.study import Study, StudyFolder, dask_pool, fly_study, local_pool, processors
 from gcs.simulate.summary import placement_errors_m, require_writable, summary, write_rows
+from gcs.simulate.world import Stop
+
+_ALONE: Final = ""
+"""The name of a study that is not compared: its folder is the study's."""
+StopName = Enum("StopName", {"filtered": "filtered", "raw": "raw"}, type=str)
 
 
 def simulate(
@@ -42,43 +52,70 @@ def simulate(
         Path | None, typer.Option("--csv", help="write a row for each receiver and run here (.csv or .parquet)")
     ] = None,
     plots: Annotated[Path | None, typer.Option(help="draw the placement errors into this folder")] = None,
+    stop: Annotated[
+        StopName | None,
+        typer.Option(help="how legs end: filtered, as they fly; raw, at constant speed, as in the paper"),
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="fly the paper's chain with its raw stop too, and put both on a page")
+    ] = False,
 ) -> None:
     """Fly a playbook many times in virtual time and say how far off it places. Runs differ in noise and gusts."""
     playbook = changed(load_playbook(path), "sensor", sigma_deg=sigma_deg)
     playbook = changed(changed(playbook, "flight", speed_mps=speed), "planner", method=method)
-    if playbook.sensor.reference != "true_north":
-        raise ServiceError("legs are flown along north-referenced bearings: sensor.reference must be true_north")
+    if compare and (stop or csv or plots):
+        raise ServiceError("--stop, --csv and --plots are of one study: leave out --compare, or leave them out")
     if csv is not None:
         require_writable(csv)
-    plan, console = playbook.plan(), Console()
-    if resume is None:
-        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-        folder = StudyFolder.create(studies_dir / f"{stamp}-{playbook.name}", playbook, plan)
+    console, seeds = Console(), range(seed, seed + runs)
+    arms = arms_of(playbook) if compare else [_alone(playbook, "raw" if stop == StopName.raw else "filtered")]
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    folder = resume or studies_dir / f"{stamp}-{playbook.name}{'-compared' if compare else ''}"
+    opened = StudyFolder.create if resume is None else StudyFolder.resume
+    folders = {arm.name: opened(folder / arm.name, arm.study) for arm in arms}
+    interrupted = _fly(arms, folders, seeds, jobs, dask, console)
+    results = {name: [run for run in at.results() if run.seed in seeds] for name, at in folders.items()}
+    for arm in arms:
+        _show(arm.title, results[arm.name], console)
+    console.print(f"study {folder}", soft_wrap=True)
+    if compare:
+        _write_comparison(arms, results, folder, json, console)
     else:
-        folder = StudyFolder.resume(resume, playbook, plan)
-    seeds = range(seed, seed + runs)
-    interrupted = False
-    try:
-        with _pool(jobs, dask) as (pool, workers), _progress(console, playbook.name, runs) as flown:
-            flown(sum(run.seed in seeds for run in folder.results()))
-            fly_study(playbook, plan, seeds, folder, pool, workers, lambda _: flown(1))
-    except KeyboardInterrupt:
-        interrupted = True
-    results = [run for run in folder.results() if run.seed in seeds]
-    told = summary(results)
-    console.print(_summary_table(playbook.name, told))
-    for reason, count in told["reasons"].items():
-        console.print(f"{count} x {reason}", style="red", soft_wrap=True, markup=False)
-    if told["min_separation_m"] is not None:
-        console.print(f"closest approach {told['min_separation_m']:.1f} m")
-    console.print(f"study {folder.path}", soft_wrap=True)
-    _write(told, results, json, csv)
-    if plots is not None:
-        for picture in draw_placement_errors(placement_errors_m(results), plots, playbook.name):
-            console.print(f"figure {picture}", soft_wrap=True)
+        _write_study(arms[0].title, results[_ALONE], json, csv, plots, console)
     if interrupted:
-        console.print(f"interrupted: go on with --resume {folder.path}", style="red", soft_wrap=True)
+        console.print(f"interrupted: go on with --resume {folder}", style="red", soft_wrap=True)
         raise typer.Exit(130)
+
+
+def _alone(playbook: Playbook, stop: Stop) -> Arm:
+    """Return a playbook compared with nothing."""
+    return Arm(_ALONE, playbook.name, Study(playbook, playbook.plan(), stop))
+
+
+def _fly(
+    arms: Sequence[Arm],
+    folders: Mapping[str, StudyFolder],
+    seeds: range,
+    jobs: int | None,
+    dask: str | None,
+    console: Console,
+) -> bool:
+    """Fly what the folders do not hold yet; return whether that was interrupted."""
+    try:
+        with _pool(jobs, dask) as (pool, workers):
+            for arm in arms:
+                _fly_arm(arm.title, arm.study, folders[arm.name], seeds, pool, workers, console)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _fly_arm(
+    title: str, study: Study, folder: StudyFolder, seeds: range, pool: Executor, workers: int, console: Console
+) -> None:
+    with _progress(console, title, len(seeds)) as flown:
+        flown(sum(run.seed in seeds for run in folder.results()))
+        fly_study(study, seeds, folder, pool, workers, lambda _: flown(1))
 
 
 @contextlib.contextmanager
@@ -108,6 +145,16 @@ def _progress(console: Console, name: str, runs: int) -> Iterator[Callable[[int]
         yield lambda count: progress.advance(task, count)
 
 
+def _show(title: str, results: Sequence[RunResult], console: Console) -> None:
+    """Print what the runs of a study say."""
+    told = summary(results)
+    console.print(_summary_table(title, told))
+    for reason, count in told["reasons"].items():
+        console.print(f"{count} x {reason}", style="red", soft_wrap=True, markup=False)
+    if told["min_separation_m"] is not None:
+        console.print(f"closest approach {told['min_separation_m']:.1f} m")
+
+
 def _summary_table(name: str, told: Mapping[str, Any]) -> Table:
     """Return the summary as a table: everything first, then the placement of each receiver."""
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in told["outcomes"].items())
@@ -135,8 +182,27 @@ def _numbers(spread: Mapping[str, float | None], digits: int) -> list[str]:
     return ["–" if value is None else f"{value:.{digits}f}" for value in spread.values()]
 
 
-def _write(told: Mapping[str, Any], results: Sequence[RunResult], json: Path | None, csv: Path | None) -> None:
+def _write_comparison(
+    arms: Sequence[Arm],
+    results: Mapping[str, Sequence[RunResult]],
+    folder: Path,
+    json: Path | None,
+    console: Console,
+) -> None:
+    told = comparison(arms, results)
+    for path in (folder / "comparison.json", *([] if json is None else [json])):
+        write_json(path, told)
+    page = write_page(folder / "comparison.html", comparison_page(arms, results))
+    console.print(f"comparison {page}", soft_wrap=True)
+
+
+def _write_study(
+    title: str, results: Sequence[RunResult], json: Path | None, csv: Path | None, plots: Path | None, console: Console
+) -> None:
     if json is not None:
-        write_json(json, told)
+        write_json(json, summary(results))
     if csv is not None:
         write_rows(results, csv)
+    if plots is not None:
+        for picture in draw_placement_errors(placement_errors_m(results), plots, title):
+            console.print(f"figure {picture}", soft_wrap=True)

@@ -12,6 +12,7 @@ from gcs.relay.states import ReceiverState
 from gcs.simulate.bus import LocalBus
 from gcs.simulate.scored import ScoredWorld
 from gcs.simulate.virtual_time import VirtualClock, run_virtually
+from gcs.simulate.world import Stop
 from planner.plan import RelayPlan
 
 Outcome = Literal["formed", "held", "timeout"]
@@ -61,14 +62,14 @@ class RunResult(msgspec.Struct, frozen=True):
         return sum(receiver.flown_length_m for receiver in self.receivers)
 
 
-def fly_once(playbook: Playbook, plan: RelayPlan, seed: int) -> RunResult:
+def fly_once(playbook: Playbook, plan: RelayPlan, seed: int, stop: Stop = "filtered") -> RunResult:
     """Fly a relay plan in virtual time, noise and gusts drawn from a seed, and return what became of it."""
-    return run_virtually(_fly_once(playbook, plan, seed))
+    return run_virtually(_fly_once(playbook, plan, seed, stop))
 
 
-async def _fly_once(playbook: Playbook, plan: RelayPlan, seed: int) -> RunResult:
+async def _fly_once(playbook: Playbook, plan: RelayPlan, seed: int, stop: Stop) -> RunResult:
     clock = VirtualClock()
-    world = ScoredWorld(playbook, plan, clock, LocalBus(), seed=seed)
+    world = ScoredWorld(playbook, plan, clock, LocalBus(), seed=seed, stop=stop)
     began_s, timed_out = clock.now_s(), False
     try:
         await world.run(_LONGEST_S + _LONGEST_MAKESPANS * plan.makespan_s)

@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from gcs.playbook.schema import Playbook
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.states import IN_FLIGHT, ReceiverState
-from gcs.simulate.world import RelayWorld
+from gcs.simulate.world import RelayWorld, Stop
 from planner.angles import wrap
 from planner.plan import Leg, RelayPlan
 
@@ -38,8 +38,10 @@ class Scored:
 class ScoredWorld(RelayWorld):
     """A world that is watched: nothing it sees reaches the relay."""
 
-    def __init__(self, playbook: Playbook, plan: RelayPlan, clock: Clock, bus: Bus, *, seed: int) -> None:
-        super().__init__(playbook, plan, clock, bus, seed=seed)
+    def __init__(
+        self, playbook: Playbook, plan: RelayPlan, clock: Clock, bus: Bus, *, seed: int, stop: Stop = "filtered"
+    ) -> None:
+        super().__init__(playbook, plan, clock, bus, seed=seed, stop=stop)
         self.scores: defaultdict[str, Scored] = defaultdict(Scored)
         self._hovering = False
 

@@ -1,7 +1,7 @@
 """A study: many simulated relays that differ in their noise alone, on all processors, resumable.
 
-Its folder holds what was flown (`playbook.json`, `plan.json`) and a line of JSON for each run (`runs.jsonl`), synced
-before it counts as done; runs finish in no order.
+Its folder holds what was flown (`playbook.json`, `plan.json`, `study.json`) and a line of JSON for each run
+(`runs.jsonl`), synced before it counts as done; runs finish in no order.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import IO, Final
+from typing import IO, Any, Final
 
 import msgspec
 
@@ -24,6 +24,7 @@ from gcs.errors import ServiceError
 from gcs.playbook.schema import Playbook
 from gcs.recording.run_folder import write_json
 from gcs.simulate.outcome import RunResult, fly_once
+from gcs.simulate.world import Stop
 from planner.plan import RelayPlan, plan_to_json
 
 _RUNS: Final = "runs.jsonl"
@@ -34,13 +35,31 @@ _DASK_TIMEOUT_S: Final = 10.0
 
 
 @dataclass(frozen=True)
+class Study:
+    """What is flown, again and again."""
+
+    playbook: Playbook
+    plan: RelayPlan
+    stop: Stop = "filtered"
+
+    @property
+    def files(self) -> dict[str, Any]:
+        """What says so in its folder, by the name of the file."""
+        return {
+            "playbook.json": self.playbook.model_dump(mode="json"),
+            "plan.json": plan_to_json(self.plan),
+            "study.json": {"stop": self.stop},
+        }
+
+
+@dataclass(frozen=True)
 class StudyFolder:
     """Where a study keeps what is done."""
 
     path: Path
 
     @classmethod
-    def create(cls, path: Path, playbook: Playbook, plan: RelayPlan) -> StudyFolder:
+    def create(cls, path: Path, study: Study) -> StudyFolder:
         """Make a new folder for a study. ServiceError when it is there already, or cannot be made."""
         try:
             path.mkdir(parents=True)
@@ -48,14 +67,14 @@ class StudyFolder:
             raise ServiceError(f"{path} exists: go on with it by --resume {path}, or name another folder") from None
         except OSError as error:
             raise ServiceError(f"the folder {path} cannot be made: {error.strerror or error}") from error
-        write_json(path / "playbook.json", playbook.model_dump(mode="json"))
-        write_json(path / "plan.json", plan_to_json(plan))
+        for name, told in study.files.items():
+            write_json(path / name, told)
         return cls(path)
 
     @classmethod
-    def resume(cls, path: Path, playbook: Playbook, plan: RelayPlan) -> StudyFolder:
-        """Open the folder of a study of the same playbook and plan. ServiceError when it is no such folder."""
-        for name, now in (("playbook.json", playbook.model_dump(mode="json")), ("plan.json", plan_to_json(plan))):
+    def resume(cls, path: Path, study: Study) -> StudyFolder:
+        """Open the folder of the same study. ServiceError when it is no such folder."""
+        for name, now in study.files.items():
             try:
                 before = msgspec.json.decode((path / name).read_bytes())
             except (OSError, msgspec.DecodeError) as error:
@@ -99,8 +118,7 @@ class StudyFolder:
 
 
 def fly_study(
-    playbook: Playbook,
-    plan: RelayPlan,
+    study: Study,
     seeds: Collection[int],
     folder: StudyFolder,
     pool: Executor,
@@ -118,7 +136,7 @@ def fly_study(
         try:
             while True:
                 for chunk in itertools.islice(chunks, _WAITING_PER_WORKER * workers - len(waiting)):
-                    waiting.add(pool.submit(fly_many, playbook, plan, chunk))
+                    waiting.add(pool.submit(fly_many, study, chunk))
                 if not waiting:
                     return
                 finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -130,9 +148,9 @@ def fly_study(
                 future.cancel()
 
 
-def fly_many(playbook: Playbook, plan: RelayPlan, seeds: Sequence[int]) -> list[RunResult]:
+def fly_many(study: Study, seeds: Sequence[int]) -> list[RunResult]:
     """Fly one relay for each seed, in this process."""
-    return [fly_once(playbook, plan, seed) for seed in seeds]
+    return [fly_once(study.playbook, study.plan, seed, study.stop) for seed in seeds]
 
 
 @contextlib.contextmanager

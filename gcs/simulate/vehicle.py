@@ -32,6 +32,7 @@ class SimulatedVehicle:
         clock: Clock,
         weather: SimulatedWeather,
         seed: int,
+        heading_rad: float = 0.0,
     ) -> None:
         parameters = Parameters()
         for name, value in copter_parameters(weather).items():
@@ -43,7 +44,7 @@ class SimulatedVehicle:
         self._limits = limits
         self._clock = clock
         self._lease_until_s = self._zero_until_s = 0.0
-        self._flight = Flight(parameters, lambda *_: None, seed=seed)
+        self._flight = Flight(parameters, lambda *_: None, heading_rad, seed=seed)
         self._take_off(altitude_m)
         self._switched_on_s = clock.now_s() - self._flight.time_s
 

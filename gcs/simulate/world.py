@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+import math
 import random
 from collections.abc import Callable, Mapping
 from itertools import count
+from typing import Final, Literal
 from zlib import crc32
 
 from drivers.aoa.clock_answers import answer_clock_pings
@@ -22,15 +24,22 @@ from gcs.clock_offsets import ClockOffsets
 from gcs.playbook.schema import Playbook
 from gcs.recording.score import Score
 from gcs.relay.emission import EmissionControl
-from gcs.relay.executor import RelayExecutor
+from gcs.relay.executor import RelayExecutor, Work
+from gcs.relay.journey import Journey
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition
+from gcs.simulate.paper_journey import fly_as_the_paper
 from gcs.simulate.vehicle import SimulatedVehicle
 from gcs.simulated_vehicles import weather_of
+from gcs.traced_monitor import MonitorNote
 from planner.plan import RelayPlan
 
 _SOON_S = 1e-6
+
+Stop = Literal["filtered", "raw"]
+"""How legs end: by the service's own monitor, or as in the paper."""
+_JOURNEYS: Final[Mapping[Stop, Work]] = {"filtered": Journey.fly, "raw": fly_as_the_paper}
 
 
 class RelayWorld:
@@ -41,7 +50,15 @@ class RelayWorld:
     """
 
     def __init__(
-        self, playbook: Playbook, plan: RelayPlan, clock: Clock, bus: Bus, *, seed: int, attended: bool = False
+        self,
+        playbook: Playbook,
+        plan: RelayPlan,
+        clock: Clock,
+        bus: Bus,
+        *,
+        seed: int,
+        attended: bool = False,
+        stop: Stop = "filtered",
     ) -> None:
         self.playbook, self.plan, self.clock, self.bus, self.seed = playbook, plan, clock, bus, seed
         self.frame = playbook.site.frame
@@ -91,7 +108,9 @@ class RelayWorld:
             announce=self.announced,
             say=self.said.append,
             problem=playbook.problem(),
+            trace=self.traced,
             attended=attended,
+            bring=_JOURNEYS[stop],
         )
         self._join_bus()
 
@@ -99,7 +118,15 @@ class RelayWorld:
         """Return a UAV in the air above `home`."""
         gusts = crc32(f"{self.seed}/{name}/gusts".encode())
         weather = weather_of(self.playbook)
-        return SimulatedVehicle(home, self.playbook.flight.altitude_m, self.limits, self.clock, weather, gusts)
+        nose_rad = 0.0
+        if self.playbook.sensor.reference == "body":
+            start = random.Random(f"{self.seed}/{name}/start")  # noqa: S311 - noise
+            nose_rad = start.uniform(0.0, math.tau)
+            sigma_m = self.playbook.planner.start_sigma_m if name in self.playbook.receivers else 0.0
+            home += complex(start.gauss(0.0, sigma_m), start.gauss(0.0, sigma_m))
+        return SimulatedVehicle(
+            home, self.playbook.flight.altitude_m, self.limits, self.clock, weather, gusts, nose_rad
+        )
 
     def objection(self, name: str) -> str | None:
         """Return why a vehicle must not move now, or None."""
@@ -107,6 +134,9 @@ class RelayWorld:
 
     def announced(self, record: ReceiverRecord) -> None:
         """Take note of a receiver's change."""
+
+    def traced(self, receiver: str, note: MonitorNote) -> None:
+        """Take note of what a receiver's stop monitor was told or answered."""
 
     async def run(self, limit_s: float) -> None:
         """Run the relay to its end; TimeoutError when it has not ended by then."""
