@@ -1,4 +1,4 @@
-"""The recording of a flight: everything said on the bus, written off the event loop.
+"""The recording of a flight: everything said on the bus and decided by stop monitors, written off the event loop.
 
 A handler on the event loop only hands over to a bounded queue; one thread checks, counts and writes. Whatever becomes
 of the files, the counting goes on and so does the flight.
@@ -15,18 +15,18 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
-
 from drivers.bus.keys import SwarmKeys
-from drivers.bus.messages import MalformedMessageError, decode, encode
+from drivers.bus.messages import MalformedMessageError, encode
 from drivers.bus.session import Bus
 from drivers.clock import Clock
 from gcs.errors import ServiceError
 from gcs.recording.mcap_file import McapFiles, RecordingFullError, SizeLimits
+from gcs.recording.mcap_reading import parts_of
 from gcs.recording.run_folder import write_json
-from gcs.recording.topics import Unreadable, every_message, message_on
+from gcs.recording.topics import Unreadable, decoded, every_message, message_on, monitor_topic, monitored
 from gcs.recording.traffic import Traffic
 from gcs.recording.versions import versions
+from gcs.traced_monitor import MonitorNote
 
 log = logging.getLogger(__name__)
 
@@ -70,10 +70,14 @@ class Recording:
         self.note(f"{keys.control}/request", request)
         self.note(f"{keys.control}/reply", reply)
 
+    def note_monitor(self, receiver: str, note: MonitorNote) -> None:
+        """Record what a stop monitor was told or answered, which never was on the bus."""
+        self.note(monitor_topic(receiver), encode(note))
+
     def figures(self) -> dict[str, Any]:
         """Return traffic.json; to be asked for when the thread has ended."""
         return {
-            "files": [path.name for path in self._files.paths],
+            "files": [path.name for path in parts_of(self._files.folder)],
             "dropped": self.dropped,
             "stopped": self.stopped,
             **self.traffic.figures(),
@@ -98,19 +102,16 @@ class Recording:
             self._queue.put(None, timeout=_CLOSING_S)
 
     def _write(self, time_ns: int, key: str, payload: bytes) -> None:
-        kind = message_on(key)
         problem: str | None = None
-        message: msgspec.Struct | None = None
+        message: Any = None
         try:
-            if kind is None:
-                msgspec.json.decode(payload, type=dict[str, Any])
-            else:
-                message = decode(payload, kind)
+            message = decoded(payload, key)
         except MalformedMessageError as error:
             problem = str(error)
-        self.traffic.count(key, time_ns, len(payload), message, readable=problem is None)
+        if monitored(key) is None:
+            self.traffic.count(key, time_ns, len(payload), message, readable=problem is None)
         if self.stopped is None and problem is None:
-            self._files.write(key, kind, time_ns, payload)
+            self._files.write(key, message_on(key), time_ns, payload)
         elif self.stopped is None:
             unreadable = Unreadable(problem or "", payload)
             self._files.write(f"{key}/unreadable", Unreadable, time_ns, encode(unreadable))

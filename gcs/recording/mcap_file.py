@@ -16,7 +16,7 @@ from mcap.writer import Writer
 
 from gcs.recording.topics import schema_of
 
-_FLUSH_NS: Final = 1_000_000_000
+_FLUSH_NS: Final = 80_000_000
 """So much of a flight is lost at most when the service is killed."""
 
 
@@ -71,7 +71,7 @@ class McapFiles:
     ) -> None:
         self.paths: list[Path] = []
         self.size_bytes = 0
-        self._folder = folder
+        self.folder = folder
         self._about = dict(about)
         self._limits = limits
         self._free_bytes = free_bytes
@@ -79,7 +79,7 @@ class McapFiles:
         self._flushed_ns = 0
 
     def write(self, topic: str, message: type[msgspec.Struct] | None, time_ns: int, payload: bytes) -> None:
-        """Add a message; what was added a second ago is in the file."""
+        """Add a message; what was added before the last tenth of a second is in the file."""
         part = self._part or self._begin(time_ns)
         part.writer.add_message(part.channel(topic, message), time_ns, payload, time_ns)
         if time_ns - self._flushed_ns >= _FLUSH_NS:
@@ -102,7 +102,7 @@ class McapFiles:
 
     def _begin(self, time_ns: int) -> _Part:
         self._require_space()
-        path = _next_path(self._folder)
+        path = _next_path(self.folder)
         stream = path.open("xb")
         part = self._part = _Part(path, stream, Writer(stream))
         self.paths.append(path)
@@ -124,7 +124,7 @@ class McapFiles:
             self._require_space()
 
     def _require_space(self) -> None:
-        free = self._free_bytes(self._folder)
+        free = self._free_bytes(self.folder)
         if free < self._limits.reserve_bytes:
             self.finish()
             raise RecordingFullError(f"only {free / 1e6:.0f} MB are left on the disk, which the journal needs")

@@ -1,4 +1,7 @@
-"""Which message is on which key of the bus, and its JSON Schema in the form that viewers of MCAP files read."""
+"""Which message a topic of the recording carries, and its JSON Schema in the form that viewers of MCAP files read.
+
+A topic is a key of the bus, or says what the service itself notes down besides.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,7 @@ from drivers.bus.messages import (
     Progress,
     SensorFault,
 )
+from gcs.traced_monitor import MonitorNote
 
 MESSAGES: Final[Mapping[str, type[msgspec.Struct]]] = MappingProxyType(
     {
@@ -37,6 +41,12 @@ MESSAGES: Final[Mapping[str, type[msgspec.Struct]]] = MappingProxyType(
 )
 """What is said on the keys that end in this word. Control is asked and answered on one key, and recorded on two."""
 
+_MONITOR: Final = "monitor/"
+_KINDS: Final[tuple[type[msgspec.Struct], ...]] = (*MESSAGES.values(), MonitorNote)
+_DECODERS: Final[Mapping[type[msgspec.Struct], msgspec.json.Decoder[Any]]] = MappingProxyType(
+    {kind: msgspec.json.Decoder(kind) for kind in _KINDS}
+)
+
 
 class Unreadable(msgspec.Struct, frozen=True):
     """A payload that is not what its key promises, as it came."""
@@ -51,9 +61,28 @@ def every_message(keys: SwarmKeys) -> str:
     return f"bearing-relay/{keys.swarm}/**"
 
 
-def message_on(key: str) -> type[msgspec.Struct] | None:
-    """Return which message a key carries, or None when that is not known."""
-    return MESSAGES.get(key.rpartition("/")[2])
+def monitor_topic(receiver: str) -> str:
+    """Return the topic of what a receiver's stop monitors were told and answered; no key of the bus begins so."""
+    return _MONITOR + receiver
+
+
+def monitored(topic: str) -> str | None:
+    """Return the receiver whose stop monitors a topic is about, or None."""
+    return topic.removeprefix(_MONITOR) if topic.startswith(_MONITOR) else None
+
+
+def message_on(topic: str) -> type[msgspec.Struct] | None:
+    """Return which message a topic carries, or None when that is not known."""
+    return MonitorNote if topic.startswith(_MONITOR) else MESSAGES.get(topic.rpartition("/")[2])
+
+
+def decoded(payload: bytes, topic: str) -> Any:
+    """Return the message that a topic's payload holds; of a topic nobody knows, the JSON object.
+
+    MalformedMessageError says which field is wrong and how.
+    """
+    kind = message_on(topic)
+    return msgspec.json.decode(payload, type=dict[str, Any]) if kind is None else _DECODERS[kind].decode(payload)
 
 
 def schema_of(message: type[msgspec.Struct]) -> bytes:

@@ -35,7 +35,8 @@ from drivers.bus.session import BusEndpoint, open_bus
 from drivers.simulation.launcher import free_tcp_port
 from gcs.recording.flight import Recording, open_recording
 from gcs.recording.mcap_file import McapFiles, SizeLimits
-from gcs.recording.topics import MESSAGES, every_message, schema_of
+from gcs.recording.topics import MESSAGES, decoded, every_message, schema_of
+from gcs.traced_monitor import MonitorNote
 from tests.fakes import FAKE_UNIX_NS, ManualClock
 
 KEYS = SwarmKeys("test")
@@ -208,6 +209,20 @@ async def test_what_the_operator_asks_and_is_answered_is_recorded(tmp_path: Path
         ("bearing-relay/test/relay/control/request", "ControlRequest", {"verb": "hold"}),
         ("bearing-relay/test/relay/control/reply", "ControlReply", {"ok": True, "message": "held"}),
     ]
+
+
+async def test_what_stop_monitors_decide_is_recorded_beside_what_is_said(tmp_path: Path) -> None:
+    """It never was on the bus: it is no traffic, and no key of the bus can be taken for it."""
+    bus, note = Everything(), MonitorNote(4, 0.1 + 0.2, commanded_mps=(1.0 / 3.0, -0.0))
+    async with open_recording(tmp_path, bus, KEYS, ManualClock(), print) as recording:
+        recording.note_monitor("U1", note)
+        bus.hear("bearing-relay/test/monitor/U1", encode(note))
+    (noted, forged) = read(tmp_path / "flight.mcap")
+    assert (noted[0], noted[1]["title"]) == ("monitor/U1", "MonitorNote")
+    assert decoded(json.dumps(noted[3]).encode(), noted[0]) == note
+    jsonschema.validate(noted[3], noted[1])
+    assert forged[:2] == ("bearing-relay/test/monitor/U1", None)
+    assert list(traffic(tmp_path)["keys"]) == ["bearing-relay/test/monitor/U1"]
 
 
 async def test_traffic_says_how_steadily_the_sensors_reported(tmp_path: Path) -> None:

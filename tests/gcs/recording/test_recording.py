@@ -140,6 +140,7 @@ def test_the_report_has_the_documented_form(relay: RelayPlan) -> None:
     assert set(report) == {
         "playbook", "outcome", "planned_total_length_m", "flown_total_length_m", "straight_line_bound_m",
         "min_separation_m", "duration_s", "emission_transmitter_s", "bearing_reports", "links", "receivers",
+        "stages", "verdicts",
     }  # fmt: skip
     assert report["bearing_reports"] == {
         "received": 9, "stale": 2, "duplicate": 0, "out_of_order": 0, "from_the_future": 0, "stuck": 0,
@@ -153,7 +154,7 @@ def test_the_report_has_the_documented_form(relay: RelayPlan) -> None:
     assert {"name", "slot", "state", "route_model", "transmitters", "placement_error_m", "legs"} <= set(receiver)
     first, second = receiver["legs"]
     assert set(first) == {
-        "planned_length_m", "flown_length_m", "stop_angle_deg", "stop_angle_error_deg", "duration_s",
+        "planned_length_m", "flown_length_m", "stop_angle_deg", "stop_angle_error_deg", "outliers", "duration_s",
     }  # fmt: skip
     assert (first["flown_length_m"], first["duration_s"]) == (pytest.approx(10.0), 5.0)
     assert first["stop_angle_error_deg"] == pytest.approx(0.5)
