@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from drivers.clock import Clock
@@ -12,7 +11,7 @@ from drivers.mavlink.autopilots.base import Autopilot
 from drivers.mavlink.checks import Verdict
 from drivers.mavlink.setpoints import SetpointStreamer, StreamLimits, StreamState
 from drivers.mavlink.vehicle import Vehicle
-from drivers.tasks import open_background
+from drivers.tasks import StartTask
 from gcs.playbook.schema import Playbook
 from gcs.preflight.run import preflight
 from planner.plan import RelayPlan
@@ -41,28 +40,31 @@ async def cleared_to_arm(
     return report.autopilots
 
 
-@contextlib.asynccontextmanager
-async def in_guided_flight(
-    playbook: Playbook, vehicles: Mapping[str, Vehicle], autopilots: Mapping[str, Autopilot], clock: Clock
-) -> AsyncIterator[dict[str, Member]]:
-    """Bring every vehicle into guided flight at the playbook's altitude and yield them, each with its stream running.
+async def bring_up(
+    playbook: Playbook,
+    vehicles: Mapping[str, Vehicle],
+    autopilots: Mapping[str, Autopilot],
+    clock: Clock,
+    start: StartTask,
+    members: dict[str, Member],
+) -> None:
+    """Bring every vehicle into guided flight at the playbook's altitude; each is a member as soon as its stream runs.
 
-    VehicleError naming the one that refuses. The streams are silent, or hold, until a lease is first renewed. They end
-    with the block; where guided flight ends with its stream, the vehicle is then left in a hold of its own.
+    VehicleError, in a group, naming the one that refuses. The streams are silent, or hold, until a lease is first
+    renewed. When they end, a vehicle whose guided flight ends with its stream is left in a hold of its own.
     """
     limits = StreamLimits(lease_s=playbook.flight.lease_s, largest_speed_mps=playbook.flight.speed_mps)
 
-    async def bring_up(vehicle: Vehicle, autopilot: Autopilot) -> Member:
+    async def bring_up_one(name: str, vehicle: Vehicle) -> None:
+        autopilot = autopilots[name]
         await autopilot.take_off(vehicle, playbook.flight.altitude_m)
         stream = SetpointStreamer(vehicle, autopilot, playbook.flight.altitude_m, limits, clock)
-        member = Member(vehicle, autopilot, stream)
-        start(stream_for(member))
-        return member
+        members[name] = Member(vehicle, autopilot, stream)
+        start(stream_for(members[name]))
 
-    async with open_background() as start:
-        async with asyncio.TaskGroup() as group:
-            tasks = {name: group.create_task(bring_up(vehicle, autopilots[name])) for name, vehicle in vehicles.items()}
-        yield {name: task.result() for name, task in tasks.items()}
+    async with asyncio.TaskGroup() as group:
+        for name, vehicle in vehicles.items():
+            group.create_task(bring_up_one(name, vehicle))
 
 
 async def stream_for(member: Member) -> None:

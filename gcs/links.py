@@ -15,12 +15,12 @@ from drivers.mavlink.link_status import LinkStatus
 from drivers.mavlink.redundant import RedundantLink
 from drivers.mavlink.signing import LinkSigner, Signing, open_signing
 from drivers.mavlink.signing_key import SigningKey
-from drivers.mavlink.tlog import Tlogs
 from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.sitl import Sitl
 from gcs.playbook import links as written
 from gcs.playbook.schema import Playbook
+from gcs.takeovers import FrameLogs
 
 ANY_PORT: Final = 0
 """A port of the link's own, whichever is free."""
@@ -50,7 +50,7 @@ class Way:
 
 @contextlib.asynccontextmanager
 async def open_links(
-    playbook: Playbook, clock: Clock, sitl: Sitl | None, tlogs: Tlogs | None = None
+    playbook: Playbook, clock: Clock, sitl: Sitl | None, tlogs: FrameLogs | None = None
 ) -> AsyncIterator[FleetLinks]:
     """Open every link of the playbook, or one for each vehicle to be simulated; yield the vehicles on them.
 

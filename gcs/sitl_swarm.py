@@ -228,6 +228,7 @@ def _draft(path: Path, folder: SwarmFolder, vehicles: Mapping[str, Vehicle]) -> 
     yaml = YAML(typ="rt")
     yaml.width = 120
     document = yaml.load(path.read_text(encoding="utf-8"))
+    document["target"] = "vehicles"
     document["vehicles"] = CommentedMap()
     for name, vehicle in vehicles.items():
         document["vehicles"][name] = CommentedMap(link=str(vehicle.link.address), system_id=vehicle.system_id)

@@ -18,12 +18,13 @@ from rich.table import Table
 from drivers.clock import SystemClock
 from drivers.mavlink.checks import Check, Verdict
 from drivers.simulation.launcher import SimulatedTime, process_group
-from drivers.simulation.sitl import SITLS, Sitl
-from gcs.commands.options import PlaybookPath, SitlChoice
+from drivers.simulation.sitl import SITLS
+from gcs.commands.options import PlaybookPath, SitlChoice, SitlName, TargetChoice, TargetName
 from gcs.errors import ServiceError
 from gcs.links import open_links
 from gcs.playbook.loader import load_playbook
 from gcs.playbook.schema import Playbook
+from gcs.playbook.target import aimed
 from gcs.preflight.report import PreflightReport, alike
 from gcs.preflight.run import Show, preflight
 from gcs.simulated_vehicles import start_vehicles
@@ -33,14 +34,15 @@ _STYLES: Final = {Verdict.PASSED: "green", Verdict.SOFT: "yellow", Verdict.HARD:
 
 def check(
     path: PlaybookPath,
+    target: TargetChoice = None,
     sitl: SitlChoice = None,
     everything: Annotated[bool, typer.Option("--all", help="show the checks that passed, too")] = False,
     json: Annotated[bool, typer.Option("--json", help="print the report as JSON, and nothing else")] = False,
 ) -> None:
     """Check every vehicle of a playbook before it flies; nothing is armed or changed. Exit status 0 if all may arm."""
-    playbook = load_playbook(path)
+    playbook = _on_target(load_playbook(path), target, sitl)
     with _waiting_shown() as show:
-        report = asyncio.run(_checked(playbook, None if sitl is None else sitl.value, show))
+        report = asyncio.run(_checked(playbook, show))
     if json:
         print(json_text.dumps({"playbook": playbook.name, **report.to_json()}, indent=2))  # noqa: T201 - the output
     else:
@@ -52,9 +54,9 @@ def check(
         raise typer.Exit(1)
 
 
-async def _checked(playbook: Playbook, sitl_name: str | None, show: Show) -> PreflightReport:
+async def _checked(playbook: Playbook, show: Show) -> PreflightReport:
     """Open the links, start the vehicles where the playbook names none, and run the preflight."""
-    sitl = _sitl(playbook, sitl_name)
+    sitl = SITLS.get(playbook.target or "")
     plan = playbook.plan()
     clock, real_time = SystemClock(), SimulatedTime(1.0, time.time_ns())
     async with contextlib.AsyncExitStack() as stack:
@@ -66,15 +68,17 @@ async def _checked(playbook: Playbook, sitl_name: str | None, show: Show) -> Pre
         return await preflight(vehicles, playbook, plan, show)
 
 
-def _sitl(playbook: Playbook, name: str | None) -> Sitl | None:
-    """Return the simulator asked for. ServiceError when this is not for it, SimulationError when the user has none."""
-    if name is None:
-        return None
-    if playbook.vehicles is not None:
+def _on_target(playbook: Playbook, target: TargetName | None, sitl: SitlName | None) -> Playbook:
+    """Return the playbook as flown. ServiceError when it cannot be, SimulationError when the user has no simulator."""
+    if sitl is not None and target is not None:
+        raise ServiceError("--sitl is the old word for --target: give one of them")
+    if sitl is not None and playbook.vehicles is not None:
         raise ServiceError("--sitl starts the vehicles itself: leave out 'vehicles' of the playbook")
-    sitl = SITLS[name]
-    sitl.find()
-    return sitl
+    chosen = target or sitl
+    playbook = aimed(playbook, None if chosen is None else chosen.value)
+    if (simulator := SITLS.get(playbook.target or "")) is not None:
+        simulator.find()
+    return playbook
 
 
 @contextlib.contextmanager

@@ -9,7 +9,8 @@ from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, 
 
 from drivers.errors import LinkError
 from drivers.mavlink.transport import LinkAddress
-from gcs.playbook.sections import Section
+from gcs.playbook.sections import Name, Section
+from gcs.playbook.suggestions import refuse, suggestion
 
 
 def _read_link(value: Any) -> str:
@@ -46,19 +47,56 @@ class Mavlink(Section):
     signing: Signing | None = None
 
 
-class VehicleLink(Section):
+class VehicleLayer(Section):
+    """What may be said of all vehicles (`fleet`), of those of one type, or of one: the later of these wins."""
+
+    link: Link | None = None
+    fallback: list[Link] | None = None
+    system_id: Annotated[int, Field(ge=1, le=254)] | None = None
+    autopilot: Literal["ardupilot", "px4"] | None = None
+    signing: Signing | None = None
+
+    def given(self) -> dict[str, Any]:
+        """Return what it says."""
+        return {name: value for name, value in self if value is not None}
+
+
+class VehicleEntry(VehicleLayer):
+    """What is said of one vehicle."""
+
+    type: Name | None = None
+
+
+class VehicleLink(VehicleEntry):
     """How a UAV is reached over MAVLink, and what it is where its heartbeat is not to be believed."""
 
     link: Link
     fallback: list[Link] = Field(default_factory=list)
     system_id: Annotated[int, Field(ge=1, le=254)]
-    autopilot: Literal["ardupilot", "px4"] | None = None
-    signing: Signing | None = None
 
     @property
     def links(self) -> tuple[str, ...]:
         """Every link to it, the preferred one first."""
         return (self.link, *self.fallback)
+
+
+def layered(value: Any, fleet: VehicleLayer, types: Mapping[str, VehicleLayer]) -> Any:
+    """Return the `vehicles` of a playbook as written, each entry on top of its type and the fleet.
+
+    Raises pydantic's ValidationError where a type is not there; what is no mapping is left to be refused later.
+    """
+    if not isinstance(value, dict):
+        return value
+    entries = {name: entry for name, entry in value.items() if isinstance(entry, dict)}
+    kinds = {name: entry["type"] for name, entry in entries.items() if isinstance(entry.get("type"), str)}
+    refuse(
+        ((name, "type"), f"{kind!r} is no type of vehicle_types{suggestion(kind, types)}")
+        for name, kind in kinds.items()
+        if kind not in types
+    )
+    under = {name: fleet.given() | (types[kinds[name]].given() if name in kinds else {}) for name in entries}
+    own = {name: {key: said for key, said in entry.items() if said is not None} for name, entry in entries.items()}
+    return {name: under[name] | own[name] if name in entries else value[name] for name in value}
 
 
 def clashes(vehicles: Mapping[str, VehicleLink], mavlink: Mavlink) -> list[str]:

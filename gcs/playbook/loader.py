@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -16,13 +16,15 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from gcs.errors import ServiceError
 from gcs.playbook.formation import KINDS
+from gcs.playbook.matrix import MatrixRun, changed, combinations, matrix_problems, single_values
 from gcs.playbook.schema import Playbook, Site
 from gcs.playbook.slot_files.slots import SlotFileError, Surroundings
+from gcs.playbook.suggestions import REFUSED, Location, Problem, suggestion
 from planner.frames import FormationFrame, GeodeticPosition
 
 _LARGEST_FILE_BYTES = 4_000_000
-_NOT_IN_THE_FILE = (*KINDS, "[key]")
-"""Parts of pydantic's locations that are no keys: which formation it took, and that a key itself is wrong."""
+_NO_FORMATION = ("union_tag_invalid", "union_tag_not_found")
+"""What pydantic calls a formation whose kind there is not."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +49,53 @@ class PlaybookError(ServiceError):
 
 
 def load_playbook(path: Path) -> Playbook:
-    """Return the playbook in a YAML file; PlaybookError with every problem it has."""
+    """Return the playbook in a YAML file, without regard to its matrix; PlaybookError with every problem it has."""
+    return _load(path)[0]
+
+
+def load_runs(path: Path) -> tuple[MatrixRun, ...]:
+    """Return every run of the playbook in a YAML file, one without a matrix; PlaybookError with every problem."""
+    return _load(path)[1]
+
+
+def _load(path: Path) -> tuple[Playbook, tuple[MatrixRun, ...]]:
     document = _read_yaml(path)
     plain = _plain(document)
+    playbook, errors = _validated(plain, path.parent)
+    problems = [problem for details in errors for problem in _problems(path, document, details)]
+    runs = [MatrixRun({}, playbook)] if playbook is not None and not playbook.matrix else []
+    if plain.get("matrix") and not any(details["loc"][:1] == ("matrix",) for details in errors):
+        known = {_words(details) for details in errors}
+        for place, words in _matrix_problems(plain, path.parent, known, runs):
+            problems.append(PlaybookProblem(path, *_position(document, place), f"{'.'.join(map(str, place))}: {words}"))
+    if playbook is None or problems:
+        raise PlaybookError(problems)
+    return playbook, tuple(runs)
+
+
+def _matrix_problems(
+    plain: dict[str, Any], folder: Path, known: Collection[str], runs: list[MatrixRun]
+) -> Iterator[Problem]:
+    """Yield what is wrong with the runs of a matrix that is not `known` already; collect those with nothing wrong."""
+    found = list(matrix_problems(plain))
+    said: dict[str, Location] = dict.fromkeys(known, ())
+    for place, values in [] if found else single_values(plain):
+        errors = _validated(changed(plain, values), folder)[1]
+        found += [(place, words) for words in map(_words, errors) if said.setdefault(words, place) is place]
+    yield from found
+    for values in [] if found or known else combinations(plain):
+        playbook, errors = _validated(changed(plain, values), folder)
+        if playbook is not None:
+            runs.append(MatrixRun(values, playbook))
+        yield from ((("matrix",), f"with {values}: {_words(details)}") for details in errors)
+
+
+def _validated(plain: Any, folder: Path) -> tuple[Playbook | None, list[ErrorDetails]]:
+    """Return the playbook, or else what pydantic has against it."""
     try:
-        return Playbook.model_validate(plain, context=Surroundings(path.parent, _site(plain)))
+        return Playbook.model_validate(plain, context=Surroundings(folder, _site(plain))), []
     except ValidationError as error:
-        problems = [problem for details in error.errors() for problem in _problems(path, document, details)]
-        raise PlaybookError(problems) from error
+        return None, error.errors()
 
 
 def _site(plain: Mapping[str, Any]) -> tuple[GeodeticPosition, FormationFrame] | None:
@@ -103,17 +144,31 @@ def _problems(path: Path, document: CommentedMap, details: ErrorDetails) -> list
 
 
 def _problem(path: Path, document: CommentedMap, details: ErrorDetails) -> PlaybookProblem:
-    location = [part for part in details["loc"] if part not in _NOT_IN_THE_FILE]
-    line, column = _position(document, location)
-    where = ".".join(map(str, location)) or "playbook"
+    return PlaybookProblem(path, *_position(document, _keys(details)), _words(details))
+
+
+def _keys(details: ErrorDetails) -> list[int | str]:
+    """Return where one of pydantic's errors is, without what is no key: which formation it took, for one."""
+    location = details["loc"]
+    if details["type"] in _NO_FORMATION:
+        return [*location, "kind"]
+    kind = 1 if location[:1] == ("formation",) and location[1:2] and location[1] in KINDS else None
+    return [part for number, part in enumerate(location) if number != kind and part != "[key]"]
+
+
+def _words(details: ErrorDetails) -> str:
+    """Return where one of pydantic's errors is, and what it says."""
+    location, found = _keys(details), details["input"]
     message = details["msg"].removeprefix("Value error, ")
     if details["type"] == "extra_forbidden":
-        message = f"unknown key{_suggestion(str(location[-1]), _allowed_keys(details['loc'][:-1]))}"
+        message = f"unknown key{suggestion(str(location[-1]), _allowed_keys(details['loc'][:-1]))}"
     elif details["type"] == "missing":
         message = "is missing"
-    elif not isinstance(details["input"], dict | list):
-        message += f", found {details['input']!r}"
-    return PlaybookProblem(path, line, column, f"{where}: {message}")
+    elif details["type"] in _NO_FORMATION:
+        message = f"is no formation{suggestion(str(found.get('kind', '')), KINDS)}, found {found.get('kind')!r}"
+    elif details["type"] != REFUSED and not isinstance(found, dict | list):
+        message += f", found {found!r}"
+    return f"{'.'.join(map(str, location)) or 'playbook'}: {message}"
 
 
 def _position(document: CommentedMap, location: Sequence[int | str]) -> tuple[int, int]:
@@ -136,28 +191,39 @@ def _allowed_keys(location: Sequence[int | str]) -> list[str]:
     model: Any = Playbook
     for part in location:
         model = _section_at(model, part)
-    return sorted(model.model_fields) if _is_section(model) else []
+    return [key for arm in _arms(model) if _is_section(arm) for key in sorted(_fields(arm))]
 
 
 def _section_at(model: Any, part: int | str) -> Any:
     """Return the type of what stands under one part of a location, or None where the schema ends."""
-    if _is_section(model):
-        return model.model_fields[part].annotation if part in model.model_fields else None
-    for arm in (model, *get_args(model)):
+    for arm in _arms(model):
         if get_origin(arm) is dict:  # the keys are the user's own names
             return get_args(arm)[1]
-        if _is_section(arm) and "kind" in arm.model_fields and part in get_args(arm.model_fields["kind"].annotation):
+        if get_origin(arm) is list:
+            return get_args(arm)[0]
+        if not _is_section(arm):
+            continue
+        if "kind" in arm.model_fields and part in get_args(arm.model_fields["kind"].annotation):
             return arm
+        if isinstance(part, str) and part in _fields(arm):
+            return _fields(arm)[part]
     return None
+
+
+def _arms(model: Any) -> Iterator[Any]:
+    """Yield what a type may be: itself, or each arm of a union, without annotations."""
+    if get_origin(model) is Annotated:
+        yield from _arms(get_args(model)[0])
+    elif get_origin(model) in (Union, UnionType):
+        for arm in get_args(model):
+            yield from _arms(arm)
+    else:
+        yield model
+
+
+def _fields(section: type[BaseModel]) -> dict[str, Any]:
+    return {field.alias or name: field.annotation for name, field in section.model_fields.items()}
 
 
 def _is_section(model: Any) -> bool:
     return isinstance(model, type) and issubclass(model, BaseModel)
-
-
-def _suggestion(found: str, allowed: Sequence[str]) -> str:
-    if not allowed:
-        return ""
-    nearest = difflib.get_close_matches(found, allowed, n=1)
-    hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-    return f"{hint} (allowed are {', '.join(allowed)})"

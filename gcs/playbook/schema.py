@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    StringConstraints,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
+from gcs.expectations import Expectations, require_known
 from gcs.playbook.formation import Formation
-from gcs.playbook.links import Mavlink, VehicleLink, clashes
+from gcs.playbook.links import Mavlink, VehicleEntry, VehicleLayer, VehicleLink, clashes, layered
 from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
 from gcs.playbook.sensor_section import SensorSection
+from gcs.playbook.stage_rules import Known, NamedStage, as_ever, named, stage_problems
+from gcs.playbook.stages import StageItem
+from gcs.playbook.suggestions import Problem, refuse
 from planner.frames import FormationFrame, GeodeticPosition
 from planner.methods import DEFAULT_METHOD, METHODS
 from planner.plan import RelayPlan
@@ -18,9 +31,9 @@ from planner.relay import Objective, RelayProblem
 
 
 def _read_method(value: Any) -> str:
-    if value not in METHODS:
+    if not isinstance(value, str) or value not in METHODS:
         raise ValueError(f"a planning method is one of {', '.join(METHODS)}")
-    return str(value)
+    return value
 
 
 Method = Annotated[str, BeforeValidator(_read_method), WithJsonSchema({"enum": list(METHODS)})]
@@ -97,15 +110,24 @@ class BusSection(Section):
     router: Annotated[str, StringConstraints(pattern=r"^(tcp|tls|quic|udp)/.+:\d+$")] | None = None
 
 
+Target = Literal["embedded", "ardupilot", "px4", "vehicles"]
+"""What a playbook flies on: embedded copters, an autopilot's own simulator, or the vehicles it names."""
+
+
 class Playbook(Section):
-    """A run: site, formation, UAVs, and how to plan and fly."""
+    """A run: site, formation, UAVs, how to plan and fly, what is done one after another and what is expected."""
 
     playbook: Literal[1]
     name: Name
+    slow: bool = False
+    target: Target | None = None
+    seed: Annotated[int, Field(ge=0, le=2**53)] = 0
     site: Site = Site()
     formation: Formation
     transmitters: Annotated[dict[Name, Transmitter], Field(min_length=2)]
     receivers: Annotated[dict[Name, Receiver], Field(min_length=1)]
+    fleet: VehicleLayer = VehicleLayer()
+    vehicle_types: dict[Name, VehicleLayer] = Field(default_factory=dict)
     vehicles: dict[Name, VehicleLink] | None = None
     planner: Planner = Planner()
     flight: Flight = Flight()
@@ -113,21 +135,76 @@ class Playbook(Section):
     bus: BusSection = BusSection()
     mavlink: Mavlink = Mavlink()
     simulation: Simulation = Simulation()
+    stages: Annotated[list[StageItem], Field(min_length=1, max_length=200)] | None = None
+    expect: Expectations = Field(default_factory=dict)
+    matrix: dict[str, Annotated[list[Any], Field(min_length=1, max_length=100)]] = Field(default_factory=dict)
+    """What to fly it with instead, one run for each combination: {"sensor.sigma_deg": [0.1, 0.5], seed: [1, 2]}."""
+
+    @field_validator("vehicles", mode="before", json_schema_input_type=dict[Name, VehicleEntry] | None)
+    @classmethod
+    def _layered(cls, value: Any, info: ValidationInfo) -> Any:
+        if not {"fleet", "vehicle_types"} <= info.data.keys():
+            return None  # what is wrong there is said there
+        return layered(value, info.data["fleet"], info.data["vehicle_types"])
+
+    @field_validator("stages")
+    @classmethod
+    def _staged(cls, value: list[StageItem] | None, info: ValidationInfo) -> list[StageItem] | None:
+        if value is not None and {"transmitters", "receivers"} <= info.data.keys():
+            transmitters, receivers = info.data["transmitters"], info.data["receivers"]
+            flying = [name for name, transmitter in transmitters.items() if not transmitter.beacon]
+            refuse(stage_problems(named(value), Known([*flying, *receivers], transmitters, receivers)))
+        return value
 
     @model_validator(mode="after")
     def _consistent(self) -> Playbook:
-        if self.vehicles is not None and (missing := set(self.uavs) - self.vehicles.keys()):
-            raise ValueError(
-                f"vehicles: {', '.join(sorted(missing))} have no link (leave out 'vehicles' to simulate all)"
-            )
-        if self.vehicles is not None and (unknown := self.vehicles.keys() - set(self.uavs)):
-            raise ValueError(f"vehicles: {', '.join(sorted(unknown))} are neither transmitters nor receivers")
-        if self.vehicles is not None and (problems := clashes(self.vehicles, self.mavlink)):
-            raise ValueError(f"vehicles: {'; '.join(problems)}")
-        if strangers := self.sensor.strangers(self.receivers, self.transmitters):
-            raise ValueError(f"sensor.faults: {', '.join(strangers)} is nobody of this playbook")
-        self.problem()
+        refuse(self._problems())
+        clauses = [
+            (("stages", number, stage.kind, "expect"), stage.settings.expect) for number, stage in enumerate(self.flow)
+        ]
+        require_known([*clauses, (("expect",), self.expect)], self.receivers, [stage.name for stage in self.flow])
         return self
+
+    def _problems(self) -> Iterator[Problem]:
+        if self.vehicles is not None and (missing := set(self.uavs) - self.vehicles.keys()):
+            yield ("vehicles",), f"{', '.join(sorted(missing))} have no link (leave out 'vehicles' to simulate all)"
+        if self.vehicles is not None and (unknown := self.vehicles.keys() - set(self.uavs)):
+            yield ("vehicles",), f"{', '.join(sorted(unknown))} are neither transmitters nor receivers"
+        if self.vehicles is not None and (problems := clashes(self.vehicles, self.mavlink)):
+            yield ("vehicles",), "; ".join(problems)
+        if self.target == "vehicles" and self.vehicles is None:
+            yield ("target",), "there are no vehicles: name how each is reached, or fly on embedded"
+        if strangers := self.sensor.strangers(self.receivers, self.transmitters):
+            yield ("sensor", "faults"), f"{', '.join(strangers)} is nobody of this playbook"
+        if self.stages is not None and self.flight.land_after:
+            yield ("flight", "land_after"), "with stages, landing is one of them: leave it out and write `- land`"
+        yield from self._injections()
+        try:
+            self.problem()
+        except ValueError as error:
+            yield (), str(error)
+
+    def _injections(self) -> Iterator[Problem]:
+        """Yield the faults that this playbook would inject into vehicles that it does not simulate."""
+        flown_on = self.target or ("embedded" if self.vehicles is None else "vehicles")
+        for number, entry in enumerate(self.stages or ()):
+            if entry.inject is None:
+                continue
+            fault = entry.inject.fault
+            if flown_on == "vehicles":
+                yield ("stages", number, "inject"), "faults are injected into simulated vehicles only: see target"
+            elif flown_on == "px4" and fault in ("pilot", "link_cut"):
+                yield ("stages", number, "inject", "fault"), f"{fault} needs a link of its own, which PX4's has not"
+            elif fault == "router_killed" and self.bus.router is not None:
+                yield (
+                    ("stages", number, "inject", "fault"),
+                    "the bus router is not this run's own: leave out bus.router",
+                )
+
+    @property
+    def flow(self) -> tuple[NamedStage, ...]:
+        """What is done one after another."""
+        return as_ever(land_after=self.flight.land_after) if self.stages is None else named(self.stages)
 
     @property
     def uavs(self) -> dict[str, complex]:

@@ -68,15 +68,18 @@ class ArduCopter:
             "Check GPS reception and the EKF messages.",
         )
 
+    async def arm(self, vehicle: Vehicle) -> None:
+        """Enter GUIDED and arm."""
+        await self._enter(vehicle, MODE_GUIDED, "GUIDED")
+        await self._arm(vehicle)
+
     async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
         """Enter GUIDED, arm, NAV_TAKEOFF; return at the altitude. No setpoint may run before: it cancels the climb."""
         await self._enter(vehicle, MODE_GUIDED, "GUIDED")
         if vehicle.armed and _height_m(vehicle) >= _REACHED * altitude_m:
             return
-        await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
-        await vehicle.wait_until(
-            lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
-        )
+        if not vehicle.armed:
+            await self._arm(vehicle)
         await vehicle.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, altitude_m, what="take-off")
         await vehicle.wait_until(
             lambda: _height_m(vehicle) >= _REACHED * altitude_m,
@@ -98,6 +101,12 @@ class ArduCopter:
         """Ask for RTL, which lands at home, and wait until the copter has disarmed itself."""
         _ask(vehicle, MODE_RTL)
         await vehicle.wait_until(lambda: not vehicle.armed, RETURN_TIMEOUT_S, "touch-down at home", "Land it by hand.")
+
+    async def _arm(self, vehicle: Vehicle) -> None:
+        await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
+        await vehicle.wait_until(
+            lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
+        )
 
     async def _enter(self, vehicle: Vehicle, mode: int, name: str) -> None:
         """Ask for a mode and believe only the heartbeat: an acknowledged change may not have happened."""

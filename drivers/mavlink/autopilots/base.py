@@ -95,11 +95,18 @@ class Autopilot(Protocol):
         """Ask for the telemetry that is used and wait for a position estimate. VehicleError when none comes."""
         ...
 
+    async def arm(self, vehicle: Vehicle) -> None:
+        """Arm it once, on the ground, in a mode that it can take off from. VehicleError when it is refused.
+
+        It disarms itself when no take-off follows within seconds.
+        """
+        ...
+
     async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
         """Enter the guided mode, arm, and climb to `altitude_m` above home. VehicleError when any of it is refused.
 
-        A vehicle that already flies there only enters the guided mode. Where guided flight needs a stream, the caller
-        takes it over without a gap.
+        One that is armed is not armed again, and one that already flies there only enters the guided mode.
+        Where guided flight needs a stream, the caller takes it over without a gap.
         """
         ...
 

@@ -90,6 +90,13 @@ class Px4Copter:
             "Clear what the pre-arm checks complain about.",
         )
 
+    async def arm(self, vehicle: Vehicle) -> None:
+        """Arm, in whatever mode allows it: OFFBOARD would need a stream already."""
+        await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
+        await vehicle.wait_until(
+            lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
+        )
+
     async def take_off(self, vehicle: Vehicle, altitude_m: float) -> None:
         """Stream, enter OFFBOARD, arm, and let the streamed altitude rise; return at the altitude, still streaming.
 
@@ -106,10 +113,7 @@ class Px4Copter:
                 lambda: climb.offboard, MODE_TIMEOUT_S, "heartbeat in OFFBOARD", "Another station or RC switch?"
             )
             if not vehicle.armed:
-                await vehicle.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, what="arming")
-                await vehicle.wait_until(
-                    lambda: vehicle.armed, ARM_TIMEOUT_S, "armed heartbeat", "See the autopilot's messages."
-                )
+                await self.arm(vehicle)
             climb.rising = True
             await vehicle.wait_until(
                 lambda: climb.taken_over or (vehicle.telemetry.relative_altitude_m or 0.0) >= _REACHED * altitude_m,

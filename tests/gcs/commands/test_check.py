@@ -16,7 +16,7 @@ from rich.console import Console
 from drivers.errors import SimulationError
 from drivers.mavlink.checks import Check, Verdict
 from gcs.commands.check import check, check_table
-from gcs.commands.options import SitlName
+from gcs.commands.options import SitlName, TargetName
 from gcs.errors import ServiceError
 from gcs.playbook.loader import PlaybookError
 from tests.gcs.field import free_udp_port
@@ -116,3 +116,14 @@ def test_what_is_found_of_several_vehicles_is_one_row_and_shown_as_it_was_said(
     assert len(lines) == 1
     assert "U1, U2" in lines[0]
     assert said in lines[0]
+
+
+def test_a_target_is_named_once_and_has_to_be_there(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ServiceError, match="the old word"):
+        check(path, target=TargetName("px4"), sitl=SitlName("px4"))
+    with pytest.raises(ServiceError, match="there are no vehicles"):
+        check(path, target=TargetName("vehicles"))
+    monkeypatch.setenv("PX4", "/nowhere/px4")
+    path.write_text(PLAYBOOK + VEHICLES.format(l0=1, u1=2))
+    with pytest.raises(SimulationError, match="no program"):  # its vehicles are left alone
+        check(path, target=TargetName("px4"))

@@ -46,6 +46,13 @@ def test_every_ready_playbook_validates(path: Path) -> None:
         ("name: three", "name: three\nplanner: {method: paper}"),
         ("name: three", "name: three\nsensor: {faults: {bias_deg: 3, clock_offset_s: {U1: 2.5, '*': 1}}}"),
         ("name: three", "name: three\nsensor: {faults: {outlier_jumps_deg: [45, [9, 12]]}}"),
+        (
+            "name: three",
+            "name: three\nstages: [preflight, takeoff, {relay: {timeout_s: 9, on_failure: land}}, {land: null}]",
+        ),
+        ("name: three", "name: three\nstages: [{emission: {on: [L0]}}, {wait: {for_s: 1}}]\nexpect: {outcome: formed}"),
+        ("name: three", "name: three\nmatrix: {sensor.sigma_deg: [0.1, 0.5], seed: [1, 2]}\ntarget: px4\nslow: true"),
+        ("name: three", "name: three\nfleet: {autopilot: px4}\nvehicle_types: {a: {link: 'udpin:127.0.0.1:9'}}"),
     ],
 )
 def test_what_the_loader_takes_validates(tmp_path: Path, found: str, instead: str) -> None:
@@ -84,6 +91,18 @@ def test_what_the_loader_takes_validates(tmp_path: Path, found: str, instead: st
         ("name: three", "name: three\nplanner: {min_separation_m: 0}"),
         ("name: three", "name: three\nsensor: {faults: {bias_deg: x}}"),
         ("name: three", "name: three\nsensor: {faults: {outlier_jumps_deg: [x]}}"),
+        ("name: three", "name: three\nstages: []"),
+        ("name: three", "name: three\nstages: [takeof]"),
+        ("name: three", "name: three\nstages: [hold]"),
+        ("name: three", "name: three\nstages: [{}]"),
+        ("name: three", "name: three\nstages: [{wait: {for_s: 1}, land: {}}]"),
+        ("name: three", "name: three\nstages: [{wait: {for_s: 0}}]"),
+        ("name: three", "name: three\nstages: [{wait: {for_s: 1, on_failure: panic}}]"),
+        ("name: three", "name: three\nstages: [{wait: {for_s: 1, expect: {outcom: formed}}}]"),
+        ("name: three", "name: three\nmatrix: {seed: 3}"),
+        ("name: three", "name: three\nmatrix: {seed: []}"),
+        ("name: three", "name: three\ntarget: moon"),
+        ("name: three", "name: three\nfleet: {autopilot: betaflight}"),
     ],
 )
 def test_what_the_loader_refuses_does_not_validate(tmp_path: Path, found: str, instead: str) -> None:

@@ -1,0 +1,124 @@
+"""What the stages of a playbook must keep to among each other: their order, and the names they speak of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from gcs.playbook.stages import AnyStage, EmissionStage, Inject, Land, Preflight, Relay, StageEntry, Takeoff
+from gcs.playbook.suggestions import Location, Problem, suggestion
+
+IN_THE_AIR: Final = frozenset({"locate", "relay", "hold", "measure", "return", "land"})
+BEFORE_THE_RELAY: Final = frozenset({"locate", "plan"})
+ONCE: Final = frozenset({"arm", "takeoff", "relay"})
+OF_A_UAV: Final = frozenset({"pilot", "link_cut", "freeze"})
+WITHOUT_END: Final = frozenset({"pilot", "router_killed"})
+
+
+@dataclass(frozen=True)
+class NamedStage:
+    """A stage as it is flown: its word, and its name, which is its word where the playbook gives it none."""
+
+    name: str
+    kind: str
+    settings: AnyStage
+
+
+@dataclass(frozen=True)
+class Known:
+    """Who is in a playbook."""
+
+    uavs: Collection[str]
+    transmitters: Collection[str]
+    receivers: Collection[str]
+
+
+def as_ever(*, land_after: bool) -> tuple[NamedStage, ...]:
+    """Return the stages of a playbook that names none. When one fails the run ends, and all hover."""
+    stages: dict[str, AnyStage] = {
+        "preflight": Preflight(on_failure="abort"),
+        "takeoff": Takeoff(on_failure="abort"),
+        "relay": Relay(on_failure="abort"),
+    }
+    if land_after:
+        stages["land"] = Land(on_failure="abort")
+    return tuple(NamedStage(kind, kind, stage) for kind, stage in stages.items())
+
+
+def named(entries: Sequence[StageEntry]) -> tuple[NamedStage, ...]:
+    """Return the stages with their names: a word that comes again is numbered."""
+    counted: Counter[str] = Counter()
+    stages = []
+    for entry in entries:
+        counted[entry.kind] += 1
+        number = f"-{counted[entry.kind]}" if counted[entry.kind] > 1 else ""
+        stages.append(NamedStage(entry.stage.name or entry.kind + number, entry.kind, entry.stage))
+    return tuple(stages)
+
+
+def stage_problems(stages: Sequence[NamedStage], known: Known) -> Iterator[Problem]:
+    """Yield what is wrong with the stages of a playbook, each at its place in the list."""
+    names: set[str] = set()
+    before: list[str] = []
+    for number, stage in enumerate(stages):
+        place = (number, stage.kind)
+        if stage.name in names:
+            yield (*place, "name"), f"{stage.name!r} is the name of an earlier stage: give each its own"
+        yield from ((place, problem) for problem in _order_problems(stage.kind, before))
+        if isinstance(stage.settings, EmissionStage):
+            yield from _emission_problems(place, stage.settings, known)
+        if isinstance(stage.settings, Inject):
+            yield from _fault_problems(place, stage.settings, known)
+            if stage.settings.at is not None and "relay" not in [later.kind for later in stages[number + 1 :]]:
+                yield (*place, "at"), "no relay comes after it, whose moment it could be"
+        names.add(stage.name)
+        before.append(stage.kind)
+
+
+def _order_problems(kind: str, before: Sequence[str]) -> Iterator[str]:
+    if kind in ONCE and kind in before:
+        yield f"there is one {kind} in a run"
+    if kind in ("arm", "takeoff") and "preflight" not in before:
+        yield "needs a preflight before it"
+    if kind == "arm" and "takeoff" in before:
+        yield "belongs before takeoff"
+    if kind in BEFORE_THE_RELAY and "relay" in before:
+        yield "belongs before the relay"
+    if kind in IN_THE_AIR and "takeoff" not in before:
+        yield "needs a takeoff before it"
+    down = [earlier for earlier in before if earlier in ("return", "land")]
+    if kind in (*IN_THE_AIR, "takeoff") and down:
+        yield f"nobody flies any more after {down[0]}"
+
+
+def _emission_problems(place: Location, stage: EmissionStage, known: Known) -> Iterator[Problem]:
+    everyone = [*known.transmitters, *known.receivers]
+    if not stage.on and not stage.off:
+        yield place, "nobody is switched: it takes on: [NAME, ...] or off: [NAME, ...]"
+    for key, names in (("on", stage.on), ("off", stage.off)):
+        for number, name in enumerate(names):
+            if name not in everyone:
+                yield (*place, key, number), f"{name!r} is nobody of this playbook{suggestion(name, everyone)}"
+    for number, name in enumerate(stage.off):
+        if name in stage.on:
+            yield (*place, "off", number), f"{name} is to be on and off"
+
+
+def _fault_problems(place: Location, stage: Inject, known: Known) -> Iterator[Problem]:
+    allowed = known.uavs if stage.fault in OF_A_UAV else known.receivers if stage.fault == "sensor_silent" else ()
+    if stage.vehicle is None and allowed:
+        yield (*place, "vehicle"), f"is missing: whom does {stage.fault} strike?"
+    elif stage.vehicle is not None and not allowed:
+        yield (*place, "vehicle"), f"{stage.fault} strikes no vehicle"
+    elif stage.vehicle is not None and stage.vehicle not in allowed:
+        what = "UAV" if stage.fault in OF_A_UAV else "receiver"
+        yield (*place, "vehicle"), f"{stage.vehicle!r} is no {what}{suggestion(stage.vehicle, allowed)}"
+    if stage.at is not None and stage.at.receiver not in known.receivers:
+        unknown = f"{stage.at.receiver!r} is no receiver{suggestion(stage.at.receiver, known.receivers)}"
+        yield (*place, "at", "receiver"), unknown
+    if stage.at is not None and stage.after_s is not None:
+        yield (*place, "after_s"), "it strikes at a moment of the relay (at: {..., after_s: ...}) or after_s from now"
+    if stage.for_s is not None and stage.fault in WITHOUT_END:
+        yield (*place, "for_s"), f"{stage.fault} does not end by itself"

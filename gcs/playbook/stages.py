@@ -1,0 +1,190 @@
+"""The `stages` of a playbook: what is done one after another. A stage is one class here, and a line of `StageEntry`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints, model_serializer, model_validator
+
+from gcs.expectations import Expectations
+from gcs.playbook.sections import Name, Section
+
+BareWord = Literal[
+    "connect", "preflight", "arm", "takeoff", "locate", "plan", "relay", "measure", "return", "land"
+]  # fmt: skip
+"""The stages that need no settings."""
+OnFailure = Literal["hold", "skip", "return", "land", "abort"]
+Duration = Annotated[float, Field(gt=0.0, le=86_400.0)]
+Delay = Annotated[float, Field(ge=0.0, le=86_400.0)]
+Fault = Literal["pilot", "sensor_silent", "link_cut", "freeze", "router_killed"]
+RelayState = Literal["LOCATING", "LEG_1", "LEG_2", "VERIFYING", "TRIMMING", "PLACED", "HELD", "PILOT", "FAILED"]
+
+
+class Stage(Section):
+    """What every stage may say.
+
+    A stage that takes longer than `timeout_s` has failed. When one fails, every vehicle holds first, and then:
+    `hold` waits for the operator where one attends, and else ends the run with all hovering; `skip` goes on with the
+    next stage; `return` and `land` bring everybody down and end the run; `abort` ends it at once.
+    """
+
+    name: Name | None = None
+    timeout_s: Duration | None = None
+    on_failure: OnFailure = "hold"
+    expect: Expectations = Field(default_factory=dict)
+
+
+class RetriedStage(Stage):
+    """A stage that may be tried again, for it moves nothing."""
+
+    retries: Annotated[int, Field(ge=0, le=10)] = 0
+
+
+class Connect(RetriedStage):
+    """Hear every vehicle."""
+
+
+class Preflight(RetriedStage):
+    """Check every vehicle; nothing is armed."""
+
+
+class Arm(Stage):
+    """Arm every vehicle on the ground, each once. An autopilot disarms itself when `takeoff` does not follow soon."""
+
+
+class Takeoff(Stage):
+    """Bring every vehicle into guided flight at `flight.altitude_m`, armed first where it is not."""
+
+
+class Locate(RetriedStage):
+    """Locate every receiver from bearings, before the relay."""
+
+
+class Plan(Stage):
+    """Plan the relay from where the receivers were located, or else from their starts."""
+
+
+class Relay(Stage):
+    """Bring the receivers to their slots."""
+
+
+class Hold(Stage):
+    """Let every vehicle hold its place for a time."""
+
+    for_s: Duration
+
+
+class Measure(Stage):
+    """Take for a time how far the receivers hover from their slots, into the report."""
+
+    for_s: Duration = 10.0
+    every_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.2
+
+
+class Return(Stage):
+    """Let every vehicle fly home by its own return mode and land, one after another."""
+
+
+class Land(Stage):
+    """Land every vehicle where it is, all at once."""
+
+
+class Wait(Stage):
+    """Let time pass; nothing is said to the vehicles."""
+
+    for_s: Duration
+
+
+class Prompt(Stage):
+    """Ask the operator to go on; without one attending it fails."""
+
+    text: Annotated[str, StringConstraints(min_length=1, max_length=500)]
+
+
+class EmissionStage(Stage):
+    """Switch transmitters on, or no longer keep them on: what the relay needs is on in any case."""
+
+    on: list[Name] = Field(default_factory=list)
+    off: list[Name] = Field(default_factory=list)
+
+
+class When(Section):
+    """A moment of the relay: so long after a receiver entered a state."""
+
+    receiver: Name
+    state: RelayState
+    after_s: Delay = 0.0
+
+
+class Inject(Stage):
+    """Arm a fault of the simulation: it strikes `after_s` from now, or at a moment of the relay; the run goes on.
+
+    `pilot`: a pilot's station takes `vehicle` out of guided flight. `sensor_silent`, `link_cut`, `freeze`: the sensor,
+    the link or the whole process of `vehicle` falls silent, for ever or `for_s`. `router_killed`: the bus has gone.
+    """
+
+    fault: Fault
+    vehicle: Name | None = None
+    at: When | None = None
+    after_s: Delay | None = None
+    for_s: Duration | None = None
+
+
+AnyStage = (
+    Connect | Preflight | Arm | Takeoff | Locate | Plan | Relay | Hold | Measure | Return | Land | Wait | Prompt
+    | EmissionStage | Inject
+)  # fmt: skip
+
+
+class StageEntry(Section):
+    """One stage, under the word that it is."""
+
+    model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
+
+    connect: Connect | None = None
+    preflight: Preflight | None = None
+    arm: Arm | None = None
+    takeoff: Takeoff | None = None
+    locate: Locate | None = None
+    plan: Plan | None = None
+    relay: Relay | None = None
+    hold: Hold | None = None
+    measure: Measure | None = None
+    return_: Return | None = Field(default=None, alias="return")
+    land: Land | None = None
+    wait: Wait | None = None
+    prompt: Prompt | None = None
+    emission: EmissionStage | None = None
+    inject: Inject | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_word(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {value: {}}
+        if not isinstance(value, dict) or len(value) != 1:
+            raise ValueError(
+                "a stage is one word, or one word with its settings, as {relay: {timeout_s: 300}}; "
+                f"the words are {', '.join(name.rstrip('_') for name in cls.model_fields)}"
+            )
+        return {word: {} if settings is None else settings for word, settings in value.items()}
+
+    @model_serializer
+    def _written(self) -> dict[str, Any]:
+        return {self.kind: self.stage.model_dump(mode="json")}
+
+    @property
+    def kind(self) -> str:
+        """The word."""
+        (name,) = self.model_fields_set
+        return name.rstrip("_")
+
+    @property
+    def stage(self) -> AnyStage:
+        """The stage."""
+        (name,) = self.model_fields_set
+        stage: AnyStage = getattr(self, name)
+        return stage
+
+
+StageItem = Annotated[StageEntry, BeforeValidator(lambda value: value, json_schema_input_type=StageEntry | BareWord)]

@@ -1,0 +1,54 @@
+"""The tap on a simulated vehicle's link: transparent, until it is cut; and others may speak through it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Iterator
+
+from drivers.simulation.link_tap import HOST, open_tap
+
+
+@contextlib.contextmanager
+def opened() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind((HOST, 0))
+        end.settimeout(0.0)
+        yield end
+
+
+async def heard(end: socket.socket) -> bytes | None:
+    """The next datagram, or None when none comes."""
+    with contextlib.suppress(TimeoutError):
+        return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(end, 100), 0.2)
+    return None
+
+
+async def test_both_sides_hear_each_other_until_the_link_is_cut_and_again_afterwards() -> None:
+    with opened() as service, opened() as vehicle:
+        async with open_tap(3, service.getsockname()[1]) as tap:
+            there = (HOST, tap.port)
+            vehicle.sendto(b"telemetry", there)
+            assert await heard(service) == b"telemetry"
+            service.sendto(b"command", there)
+            assert await heard(vehicle) == b"command"
+            tap.cut = True
+            vehicle.sendto(b"lost", there)
+            service.sendto(b"lost", there)
+            assert (await heard(service), await heard(vehicle)) == (None, None)
+            tap.cut = False
+            vehicle.sendto(b"again", there)
+            assert await heard(service) == b"again"
+
+
+async def test_another_station_is_heard_by_the_vehicle_alone_cut_or_not() -> None:
+    with opened() as service, opened() as vehicle:
+        async with open_tap(3, service.getsockname()[1]) as tap:
+            tap.speak(b"to nobody yet")
+            vehicle.sendto(b"telemetry", (HOST, tap.port))
+            assert await heard(service) == b"telemetry"
+            tap.cut = True
+            tap.speak(b"pilot")
+            assert await heard(vehicle) == b"pilot"
+            assert await heard(service) is None
