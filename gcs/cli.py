@@ -19,10 +19,13 @@ from gcs.commands.copter import copter
 from gcs.commands.fly import demo, fly
 from gcs.commands.paper import paper
 from gcs.commands.plan import plan
+from gcs.commands.replay import replay
 from gcs.commands.report import report
+from gcs.commands.resume import resume
 from gcs.commands.schema import schema
 from gcs.commands.sensor import sensor
 from gcs.commands.simulate import simulate
+from gcs.commands.test import run_tests
 from gcs.errors import ServiceError, leaves
 from planner.errors import PlannerError
 
@@ -34,8 +37,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(sitl.app, name="sitl")
-for command in (demo, plan, check, fly, control, simulate, report, sensor, schema, paper):
+for command in (demo, plan, check, fly, resume, control, simulate, replay, report, sensor, schema, paper):
     app.command()(command)
+app.command("test")(run_tests)
 app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(
     copter
 )

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from gcs.reports.bars import relay_gantt
 from gcs.reports.markup import Content, Html, element, table
-from gcs.reports.page import figures, page, plan_map, section, verdict, write_page
+from gcs.reports.page import figures, page, plan_map, section, write_page
 from gcs.reports.run_data import RunData, load_run
 from gcs.reports.run_files import ReceiverResult
 from gcs.reports.tables import NONE
+from gcs.reports.verdicts import badge, compared_verdicts
 
 
 def write_comparison(folders: Sequence[Path], path: Path) -> Path:
@@ -24,6 +25,7 @@ def _page(runs: Sequence[RunData]) -> Html:
     content = [
         element("header", element("h1", f"{len(runs)} runs")),
         section("Figures", _figures(runs, names)),
+        *_expectations(runs, names),
         section(
             "Placed off, m",
             _receivers(runs, names),
@@ -38,13 +40,18 @@ def _page(runs: Sequence[RunData]) -> Html:
 def _figures(runs: Sequence[RunData], names: Sequence[Content]) -> Html:
     of_run = [dict(figures(run)) for run in runs]
     kinds = list(dict.fromkeys(kind for found in of_run for kind in found))
-    rows: list[list[Content]] = [["outcome", *(verdict(run) for run in runs)]]
+    rows: list[list[Content]] = [["outcome", *(badge(run) for run in runs)]]
     rows += [[kind, *(found.get(kind, NONE) for found in of_run)] for kind in kinds]
     rows.append(["method", *(run.plan.method for run in runs)])
     rows.append(["seed", *(NONE if run.facts is None else f"{run.facts.seed}" for run in runs)])
     versions = ["?" if run.facts is None else run.facts.versions.get("bearing-relay", "?") for run in runs]
     rows.append(["bearing-relay", *versions])
     return table(["", *names], rows)
+
+
+def _expectations(runs: Sequence[RunData], names: Sequence[Content]) -> list[Html]:
+    rows = compared_verdicts(runs)
+    return [section("Expectations", table(["", *names], rows))] if rows else []
 
 
 def _receivers(runs: Sequence[RunData], names: Sequence[Content]) -> Html:

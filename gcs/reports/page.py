@@ -12,11 +12,14 @@ from gcs.errors import ServiceError
 from gcs.reports import tables
 from gcs.reports.accuracy_charts import accuracy_charts
 from gcs.reports.bars import emission_ledger, relay_gantt
+from gcs.reports.complaints import complaints
 from gcs.reports.figure import draw_plan
 from gcs.reports.leg_charts import leg_charts
 from gcs.reports.markup import Content, Html, element, joined, trusted
 from gcs.reports.run_data import RunData, load_run
 from gcs.reports.run_files import read_text
+from gcs.reports.stages import measurements_table, stage_strip, stages_table
+from gcs.reports.verdicts import badge, verdict_list
 
 FILE: Final = "report.html"
 _PLACED: Final = "PLACED"
@@ -77,6 +80,7 @@ def run_page(data: RunData) -> Html:
         _header(data),
         section("Map", plan_map(data), note="Planned legs, and the tracks flown (thin, black). Metres, from L0."),
         section("Receivers", tables.receivers_table(data)),
+        *_stages(data),
         section("Relay", relay_gantt(data), note="What each receiver did, and when."),
         section("On the air", emission_ledger(data), note="Which transmitters were on, and for how long."),
         section(
@@ -101,15 +105,23 @@ def _header(data: RunData) -> Html:
     return element(
         "header",
         element("p", " · ".join(named), class_="note"),
-        element("h1", data.playbook.name, " ", verdict(data)),
-        _complaints(data),
+        element("h1", data.playbook.name, " ", badge(data)),
+        stage_strip(data),
+        complaints(data),
+        verdict_list(data),
         element("dl", [element("div", element("dt", name), element("dd", value)) for name, value in figures(data)]),
     )
 
 
-def verdict(data: RunData) -> Html:
-    """Return the outcome in its colour."""
-    return element("span", data.outcome, class_=f"verdict {data.outcome}")
+def _stages(data: RunData) -> list[Html]:
+    """Return what became of the stages, and what was measured in them, where the run had any."""
+    if data.result is None:
+        return []
+    found = [section("Stages", stages_table(data.result.stages))] if data.result.stages else []
+    if data.result.measurements:
+        note = "How far from its slot each receiver said it was while it hovered."
+        found.append(section("Measured", measurements_table(data.result.measurements), note=note))
+    return found
 
 
 def figures(data: RunData) -> list[tuple[str, str]]:
@@ -130,24 +142,6 @@ def figures(data: RunData) -> list[tuple[str, str]]:
         ("duration", f"{result.duration_s:.0f} s"),
         ("on the air, all", f"{result.emission_transmitter_s:.0f} s"),
     ]
-
-
-def _complaints(data: RunData) -> Content:
-    """Return what did not go as it should, each on a line."""
-    receivers = () if data.result is None else data.result.receivers
-    found = [f"{r.name} {r.state}: {r.reason}" for r in receivers if r.state != _PLACED and r.reason]
-    if data.result is None:
-        found.append("the service ended before its report: this is what it had recorded until then")
-    if data.traffic is not None and data.traffic.stopped is not None:
-        found.append(f"flight.mcap is not complete: {data.traffic.stopped}")
-    if data.traffic is not None and data.traffic.dropped:
-        found.append(
-            f"flight.mcap is not complete: {data.traffic.dropped} messages came faster than the disk took them"
-        )
-    missing = [name for name in data.missing if name != "report.json"]
-    if missing:
-        found.append(f"not in the folder: {', '.join(missing)}")
-    return element("ul", [element("li", text) for text in found], class_="complaints") if found else ""
 
 
 def _recording_note(data: RunData) -> str:

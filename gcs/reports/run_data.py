@@ -156,7 +156,7 @@ def _time_ns(entry: Mapping[str, Any]) -> int | None:
 def _event(entry: Mapping[str, Any], began_ns: int) -> Event:
     """Return an entry of the journal; what is no change of a receiver is shown as it stands."""
     named = {key: str(entry.get(key, "")) for key in ("receiver", "state", "reason")}
-    others = {key: value for key, value in entry.items() if key not in (*named, "time_ns", "slot")}
+    others = {key: value for key, value in entry.items() if key not in (*named, "time_ns", "slot", "known")}
     text = " ".join([named["reason"], *(f"{key}: {value}" for key, value in others.items())]).strip()
     time_ns = _time_ns(entry)
     return Event(0.0 if time_ns is None else (time_ns - began_ns) * 1e-9, named["receiver"], named["state"], text)

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from gcs.errors import ServiceError
+from gcs.expectations.verdicts import Verdict
 
 
 class PlacedTransmitter(msgspec.Struct, frozen=True):
@@ -50,6 +51,34 @@ class ReceiverResult(msgspec.Struct, frozen=True):
     legs: list[LegResult]
 
 
+class StageResult(msgspec.Struct, frozen=True):
+    """A stage in report.json; it began and ended at s since the run began."""
+
+    name: str
+    kind: str
+    outcome: str
+    began_s: float | None = None
+    ended_s: float | None = None
+    reason: str = ""
+
+
+class Hovered(msgspec.Struct, frozen=True):
+    """How far from its slot a receiver hovered during a measurement, m."""
+
+    mean_m: float
+    median_m: float
+    rms_m: float
+    max_m: float
+
+
+class Measurement(msgspec.Struct, frozen=True):
+    """A `measure` stage in report.json."""
+
+    stage: str
+    duration_s: float
+    receivers: dict[str, Hovered]
+
+
 class Result(msgspec.Struct, frozen=True):
     """report.json."""
 
@@ -63,6 +92,9 @@ class Result(msgspec.Struct, frozen=True):
     bearing_reports: dict[str, int]
     receivers: list[ReceiverResult]
     links: list[dict[str, Any]] = []
+    stages: list[StageResult] = []
+    verdicts: list[Verdict] = []
+    measurements: list[Measurement] = []
 
 
 class KeyFigures(msgspec.Struct, frozen=True):

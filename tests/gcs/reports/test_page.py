@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from gcs.commands.report import report
 from gcs.errors import ServiceError
+from gcs.reports.comparison import write_comparison
 from gcs.reports.page import write_report
 from gcs.reports.run_data import load_run, state_intervals
 from tests.gcs.relay.world import World
@@ -251,3 +252,78 @@ def test_the_command_makes_each_report_anew_and_compares_several(formed: Path, a
     assert page.count("div", class_="map") == page.count("div", class_="bars") == 2
     assert "HELD" in page.text
     assert Page(formed / "report.html").count("div", class_="map") == 1
+
+
+VERDICTS = [
+    {"figure": "outcome", "condition": "== formed", "measured": "aborted", "passed": False, "stage": "relay"},
+    {"figure": "overshoot_m", "condition": "< 1.0", "measured": None, "passed": False, "stage": ""},
+    *(
+        {"figure": f"placement_error_m.U{n}", "condition": "< 0.5", "measured": 0.25, "passed": True, "stage": ""}
+        for n in range(1, 9)
+    ),
+]
+STAGES = [
+    {"name": "relay", "kind": "relay", "outcome": "failed", "began_s": 20.0, "ended_s": 80.0, "reason": "too late"},
+    {"name": "down", "kind": "land", "outcome": "not_reached", "began_s": None, "ended_s": None, "reason": ""},
+]
+
+
+def test_what_was_expected_is_at_the_top_with_what_was_measured(copied: Path) -> None:
+    change(copied / "report.json", verdicts=VERDICTS, stages=STAGES)
+    page = Page(write_report(copied))
+    require_harmless(page)
+    assert page.count("span", class_="verdict failed") == 1
+    assert page.count("span", class_="tick missed") == 2
+    assert page.count("span", class_="tick met") == 8
+    assert page.count("li", class_="not_reached") == 1
+    top = page.text[: page.text.index("Planned legs")]
+    for said in (
+        "failed 2 of 10",
+        "aborted",
+        "not measured",
+        "4 more that came true",
+        "relay failed: too late",
+        "down",
+    ):
+        assert said in top
+    assert top.index("overshoot_m") < top.index("placement_error_m.U1")  # what failed comes first
+    assert "60.0" in page.text  # how long the relay lasted
+
+
+def test_everything_that_was_expected_came_true(copied: Path) -> None:
+    change(copied / "report.json", verdicts=VERDICTS[2:5])
+    page = Page(write_report(copied))
+    assert page.count("span", class_="verdict passed") == 1
+    assert page.count("span", class_="verdict plain") == 1
+    assert "passed 3 of 3" in page.text
+    assert page.count("details") == 2  # the bus and the playbook: no verdict is folded away
+
+
+def test_measurements_are_shown(copied: Path) -> None:
+    hovered = {"mean_m": 0.111, "median_m": 0.222, "rms_m": 0.333, "max_m": 0.444}
+    measured = {"stage": "measure", "duration_s": 10.0, "samples": 50, "receivers": {"U1": hovered}}
+    change(copied / "report.json", measurements=[measured])
+    page = Page(write_report(copied))
+    for said in ("0.11", "0.22", "0.33", "0.44"):
+        assert said in page.text
+
+
+def test_what_many_receivers_have_in_common_is_said_once(copied: Path) -> None:
+    result = json.loads((copied / "report.json").read_text())
+    for receiver in result["receivers"][:3]:
+        receiver |= {"state": "HELD", "reason": "no bearing"}
+    stage = {**STAGES[0], "reason": "U1 is held: no bearing"}
+    change(copied / "report.json", receivers=result["receivers"], stages=[stage])
+    page = Page(write_report(copied))
+    names = ", ".join(receiver["name"] for receiver in result["receivers"][:3])
+    assert f"{names} HELD: no bearing" in page.text
+    assert page.text.count("relay failed") == 0
+
+
+def test_runs_are_compared_by_what_was_expected_of_them(copied: Path, formed: Path, tmp_path: Path) -> None:
+    change(copied / "report.json", verdicts=VERDICTS[:3])
+    page = Page(write_comparison([copied, formed], tmp_path / "both.html"))
+    require_harmless(page)
+    assert page.count("span", class_="tick missed") == 2
+    assert "failed 2 of 3" in page.text
+    assert "placement_error_m.U1 < 0.5" in page.text
