@@ -134,14 +134,21 @@ def _flown(console: Console, playbook: Playbook, plan: RelayPlan, options: RunOp
 
 
 def shown_on(console: Console) -> Show:
-    """Return what shows a run live on a console."""
+    """Return what shows a run live on a console; where nobody reads that any more, the flight goes on unseen."""
 
     @contextlib.asynccontextmanager
     async def show(status: RunStatus) -> AsyncIterator[None]:
-        async with background(show_progress(console, status)):
+        async with background(_lasting(console, status)):
             yield
 
     return show
+
+
+async def _lasting(console: Console, status: RunStatus) -> None:
+    try:
+        await show_progress(console, status)
+    except (OSError, SystemExit):  # a pipe that is read no more, a full disk behind the screen
+        console.quiet = True
 
 
 def print_result(console: Console, result: RunResult) -> None:
