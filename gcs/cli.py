@@ -16,7 +16,9 @@ from gcs.commands import sitl
 from gcs.commands.check import check
 from gcs.commands.control import control
 from gcs.commands.copter import copter
+from gcs.commands.dashboard import dashboard
 from gcs.commands.fly import demo, fly
+from gcs.commands.monitor import monitor
 from gcs.commands.paper import paper
 from gcs.commands.plan import plan
 from gcs.commands.replay import replay
@@ -37,7 +39,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(sitl.app, name="sitl")
-for command in (demo, plan, check, fly, resume, control, simulate, replay, report, sensor, schema, paper):
+for command in (
+    demo,
+    plan,
+    check,
+    fly,
+    resume,
+    control,
+    monitor,
+    dashboard,
+    simulate,
+    replay,
+    report,
+    sensor,
+    schema,
+    paper,
+):
     app.command()(command)
 app.command("test")(run_tests)
 app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(

@@ -26,6 +26,9 @@ from gcs.clock_offsets import ClockOffsets
 from gcs.errors import ServiceError, leaves
 from gcs.expectations import suite_of, write_junit
 from gcs.links import FleetLinks, open_links
+from gcs.monitor.access import Token, read_tokens
+from gcs.monitor.proven import ControlGuard
+from gcs.monitor.watched import watched
 from gcs.playbook.schema import Playbook, Target
 from gcs.playbook.target import aimed
 from gcs.recording.bus_address import FILE as BUS_FILE
@@ -130,6 +133,7 @@ async def _serve(
     resumption: Resumption | None,
 ) -> RunResult:
     """Open what the run needs, have its stages run, and write the report; everything opened is closed again."""
+    token = read_tokens(None, None).command
     clock = SystemClock(sim_time.speedup, sim_time.epoch_ns)
     status = RunStatus(playbook.name, clock)
     status.started_s -= (clock.unix_ns() - sim_time.epoch_ns) * 1e-9
@@ -158,7 +162,7 @@ async def _serve(
         simulation = Simulation(group, bus, SwarmKeys(playbook.name), taps)
         run = _run(playbook, plan, options, clock, bus, folder, journal, status, fleet, simulation)
         run.takeovers = Takeovers(counted.setpoints)
-        await stack.enter_async_context(_recorded(run))
+        await stack.enter_async_context(_recorded(run, token))
         await _staged(run, resumption)
         report = run.report()
     folder.write_json("report.json", report)
@@ -228,7 +232,7 @@ def _run(
         emission=EmissionControl(bus, keys, clock),
         records=records,
         score=Score(frame, board, records),
-        operator=Operator(status.say, options.attended, options.terminal),
+        operator=Operator(status.say, options.attended, options.terminal, show=status.ask),
         simulation=simulation,
     )
     _publish_positions(run)
@@ -245,8 +249,8 @@ async def _staged(run: Run, resumption: Resumption | None) -> None:
 
 
 @contextlib.asynccontextmanager
-async def _recorded(run: Run) -> AsyncIterator[None]:
-    """Record what is said on the bus and what the receivers measure, and answer the operator, while the block lasts."""
+async def _recorded(run: Run, token: Token | None) -> AsyncIterator[None]:
+    """Record what is said on the bus and measured, show it, and answer the operator, while the block lasts."""
     with open_lines(run.folder.path / "series.jsonl", synced=False) as lines:
         series = Series(lines, run.status, run.board, run.playbook.site.frame, run.clock)
         series.attach(run.bus, run.keys)
@@ -255,8 +259,9 @@ async def _recorded(run: Run) -> AsyncIterator[None]:
             background(series.record()),
         ):
             run.trace = recording.note_monitor
-            run.bus.serve(run.keys.control, _answering(run, recording))
-            yield
+            run.bus.serve(run.keys.control, ControlGuard(run.keys.swarm, _answering(run, recording), token).take)
+            async with watched(run, recording):
+                yield
 
 
 def _answering(run: Run, recording: Recording) -> Callable[[bytes], bytes]:

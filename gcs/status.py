@@ -8,6 +8,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from drivers.bus.run_messages import Level
 from drivers.clock import Clock
 from drivers.mavlink.link_status import LinkStatus
 from gcs.relay.records import ReceiverRecord
@@ -38,6 +39,19 @@ class RelayView(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Said:
+    """A message for the operator, and what it is about where it is about one vehicle."""
+
+    elapsed_s: float
+    text: str
+    level: Level = "info"
+    vehicle: str | None = None
+    leg: int | None = None
+    state: str | None = None
+    """The state the vehicle came into."""
+
+
 @dataclass
 class RunStatus:
     """What is going on in a run."""
@@ -50,6 +64,8 @@ class RunStatus:
     on_air: frozenset[str] = frozenset()
     relay: RelayView | None = None
     """The relay, once it is being flown."""
+    asked: str | None = None
+    """What the operator is asked, while nothing goes on without his word."""
     links: Callable[[], Sequence[tuple[str, LinkStatus]]] = tuple
     """Tells how the links fare, each with the names of the vehicles behind it."""
     recording: Callable[[], str | None] = lambda: None
@@ -57,6 +73,8 @@ class RunStatus:
     messages: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=_MESSAGES_KEPT))
     said: int = 0
     """How many messages there have been; the last of them are kept."""
+    on_said: list[Callable[[Said], None]] = field(default_factory=list)
+    """Get every message as it is said; they must not raise."""
 
     def __post_init__(self) -> None:
         self.started_s = self.clock.now_s()
@@ -65,7 +83,22 @@ class RunStatus:
         """Return the time since the run began, s."""
         return self.clock.now_s() - self.started_s
 
-    def say(self, message: str) -> None:
-        """Add a message for the operator."""
-        self.messages.append((self.elapsed_s(), message))
+    def ask(self, question: str | None) -> None:
+        """Put a question before the operator, or take it back."""
+        self.asked = question
+
+    def say(
+        self,
+        message: str,
+        *,
+        level: Level = "info",
+        vehicle: str | None = None,
+        leg: int | None = None,
+        state: str | None = None,
+    ) -> None:
+        """Add a message for the operator; of one about a vehicle, say which, its leg, and the state it came into."""
+        said = Said(self.elapsed_s(), message, level, vehicle, leg, state)
+        self.messages.append((said.elapsed_s, message))
         self.said += 1
+        for listener in self.on_said:
+            listener(said)

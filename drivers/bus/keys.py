@@ -63,6 +63,25 @@ class SwarmKeys:
         """Key that answers a ControlRequest with a ControlReply."""
         return f"{_ROOT}/{self.swarm}/relay/control"
 
+    @property
+    def setup(self) -> str:
+        """Key of what the run is about, RunSetup; its last value can be queried."""
+        return f"{_ROOT}/{self.swarm}/relay/setup"
+
+    @property
+    def state(self) -> str:
+        """Key of the RunStates, of which only the latest counts.
+
+        No wildcard matches a chunk that begins with @: whoever records everything said in a swarm is spared what only
+        repeats it.
+        """
+        return f"{_ROOT}/{self.swarm}/relay/@state"
+
+    @property
+    def events(self) -> str:
+        """Key of the RunEvents; it answers an EventsRequest with Events."""
+        return f"{_ROOT}/{self.swarm}/relay/@events"
+
     def clock_ping(self, uav: str) -> str:
         """Key of the ClockPings to a UAV's sensor."""
         return f"{_ROOT}/{self.swarm}/uav/{uav}/clock_ping"

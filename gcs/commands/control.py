@@ -12,12 +12,14 @@ import typer
 from rich.console import Console
 
 from drivers.bus.keys import NAME_PATTERN, SwarmKeys
-from drivers.bus.messages import ControlReply, ControlRequest, MalformedMessageError, decode, encode
+from drivers.bus.messages import ControlReply, ControlRequest, MalformedMessageError, decode
 from drivers.bus.session import BusEndpoint, open_bus
 from drivers.errors import BusError
 from gcs.commands.options import RunsDir
 from gcs.control import VERBS
 from gcs.errors import ServiceError
+from gcs.monitor.access import COMMAND_VARIABLE, read_tokens
+from gcs.monitor.proven import Words, proving
 from gcs.recording.bus_address import BusAddress, address_of, newest_run
 
 Verb = Enum("Verb", {verb: verb for verb in VERBS}, type=str)  # type: ignore[misc]
@@ -36,6 +38,10 @@ def control(
     swarm: Annotated[str | None, typer.Option(help="the swarm: the playbook's name")] = None,
     run: Annotated[Path | None, typer.Option(help="the folder of the run; without it the newest run")] = None,
     runs_dir: RunsDir = Path("runs"),
+    command_token_file: Annotated[
+        Path | None,
+        typer.Option(help=f"the token, where the run takes words only from its holders; else {COMMAND_VARIABLE}"),
+    ] = None,
 ) -> None:
     """Have a word with a relay that is being flown. Exit status 0: done, 1: refused, 2: not reached."""
     if connect is not None and swarm is not None:
@@ -45,17 +51,19 @@ def control(
         address = BusAddress(connect or found.endpoint, swarm or found.swarm)
     if re.fullmatch(NAME_PATTERN, address.swarm) is None:
         raise ServiceError(f"{address.swarm!r} is no name of a swarm: --swarm takes the playbook's name")
-    reply = asyncio.run(_ask(address, ControlRequest(verb.value, vehicle)))
+    reply = asyncio.run(
+        _ask(address, ControlRequest(verb.value, vehicle), proving(read_tokens(None, command_token_file).command))
+    )
     console = Console(soft_wrap=True, highlight=False, markup=False)
     console.print(reply.message, style=None if reply.ok else "red")
     if not reply.ok:
         raise typer.Exit(1)
 
 
-async def _ask(address: BusAddress, request: ControlRequest) -> ControlReply:
+async def _ask(address: BusAddress, request: ControlRequest, say: Words) -> ControlReply:
     key = SwarmKeys(address.swarm).control
     async with open_bus(BusEndpoint(address.endpoint)) as bus:
-        payload = await bus.ask(key, encode(request))
+        payload = await bus.ask(key, say(address.swarm, request))
     try:
         return decode(payload, ControlReply)
     except MalformedMessageError as error:

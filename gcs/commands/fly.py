@@ -20,6 +20,7 @@ from drivers.tasks import background
 from gcs.commands.attending import enter_pressed
 from gcs.commands.dry_run import foresight_lines
 from gcs.commands.options import (
+    DashboardPlace,
     OwnSeed,
     PlaybookPath,
     ReportPath,
@@ -32,6 +33,7 @@ from gcs.commands.options import (
 )
 from gcs.errors import ServiceError
 from gcs.expectations import Verdict
+from gcs.monitor.beside import dashboard_beside
 from gcs.monitor.terminal import result_lines, result_table, show_progress
 from gcs.playbook.loader import load_runs
 from gcs.playbook.matrix import MatrixRun
@@ -53,6 +55,7 @@ def demo(
     seed: OwnSeed = None,
     json: ReportPath = None,
     runs_dir: RunsDir = Path("runs"),
+    dashboard: DashboardPlace = None,
 ) -> None:
     """Fly the paper's relay on embedded copters."""
     source = files("sitl_configs") / f"paper_{uavs}.yaml"
@@ -60,7 +63,7 @@ def demo(
         raise ServiceError(f"there is no demo with {uavs} UAVs: the paper's cases are --uavs 8 and --uavs 20")
     with as_file(source) as path:
         runs = load_runs(path)
-    _fly(runs, RunOptions(runs_dir, speedup, seed), sigma_deg, json)
+    _fly(runs, RunOptions(runs_dir, speedup, seed), sigma_deg, json, dashboard)
 
 
 def fly(
@@ -78,6 +81,7 @@ def fly(
     ] = False,
     json: ReportPath = None,
     runs_dir: RunsDir = Path("runs"),
+    dashboard: DashboardPlace = None,
 ) -> None:
     """Fly a playbook, every run of its matrix.
 
@@ -95,7 +99,7 @@ def fly(
     options = RunOptions(runs_dir, speedup, seed, None if sitl is None else sitl.value, attended)
     if attended and sys.stdin.isatty():
         options = replace(options, terminal=enter_pressed)
-    _fly(runs, options, sigma_deg, json)
+    _fly(runs, options, sigma_deg, json, dashboard)
 
 
 def all_came_true(report: Mapping[str, Any]) -> bool:
@@ -106,16 +110,23 @@ def all_came_true(report: Mapping[str, Any]) -> bool:
     return done and report["outcome"] in ("formed", "completed")
 
 
-def _fly(runs: Sequence[MatrixRun], options: RunOptions, sigma_deg: float | None, json: Path | None) -> None:
+def _fly(
+    runs: Sequence[MatrixRun], options: RunOptions, sigma_deg: float | None, json: Path | None, dashboard: str | None
+) -> None:
     planned = [(run, *_planned(run, sigma_deg)) for run in runs]
     console, reports = Console(), list[Mapping[str, Any]]()
-    for run, playbook, plan in planned:
-        if run.label:
-            console.print(Text(f"{playbook.name}: {run.label}", style="bold"))
-        result = _flown(console, playbook, plan, replace(options, values=run.values))
-        reports.append(result.report)
-        if any(stage["outcome"] == "stopped" for stage in result.report["stages"]):
-            break
+    with dashboard_beside(dashboard, options.runs_dir) as address:
+        if address is not None:
+            console.print(f"dashboard at {address}", soft_wrap=True)
+        for run, playbook, plan in planned:
+            if run.label:
+                console.print(Text(f"{playbook.name}: {run.label}", style="bold"))
+            result = _flown(console, playbook, plan, replace(options, values=run.values))
+            reports.append(result.report)
+            if any(stage["outcome"] == "stopped" for stage in result.report["stages"]):
+                break
+        if address is not None and sys.stdin.isatty():
+            console.input("Enter ends the dashboard ")
     if json is not None:
         write_json(json, reports if len(runs) > 1 else reports[0])
     if len(reports) < len(runs) or not all(map(all_came_true, reports)):

@@ -36,6 +36,9 @@ SigmaDeg = Annotated[
 Seed = Annotated[int, typer.Option(help="seed of the simulated noise")]
 OwnSeed = Annotated[int | None, typer.Option(help="seed of the simulated noise, instead of the playbook's")]
 ReportPath = Annotated[Path | None, typer.Option("--json", help="write the run's report.json here too")]
+DashboardPlace = Annotated[
+    str | None, typer.Option(help="serve the dashboard beside it, at HOST:PORT on loopback: 127.0.0.1:8080")
+]
 RunsDir = Annotated[Path, typer.Option(help="where run folders are made")]
 
 

@@ -40,12 +40,13 @@ def relay_troubles(status: RunStatus) -> list[str]:
 
 def link_troubles(status: RunStatus) -> list[str]:
     """Return a line for every link that does not fare well, or is not recorded."""
-    told = [(vehicles, link, _link_trouble(link)) for vehicles, link in status.links()]
+    told = [(vehicles, link, link_trouble(link)) for vehicles, link in status.links()]
     lines = [f"{vehicles} {link.address}: {trouble}" for vehicles, link, trouble in told if trouble]
     return lines + [f"recording: {problem}" for problem in [status.recording()] if problem]
 
 
-def _link_trouble(link: LinkStatus) -> str:
+def link_trouble(link: LinkStatus) -> str:
+    """Return what is wrong with a link, in words; nothing while it fares well."""
     troubles: list[str] = []
     if link.state is LinkState.DOWN:
         troubles.append("down, tried again")

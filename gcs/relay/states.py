@@ -52,6 +52,10 @@ ENDED: Final = frozenset({_S.PLACED, _S.FAILED})
 """States in which nothing more is done for the receiver, unless a pilot takes it."""
 
 
+HALTED: Final = frozenset({_S.HELD, _S.PILOT, _S.FAILED})
+"""States in which a receiver does not fly, and somebody should know."""
+
+
 def require_transition(receiver: str, old: ReceiverState, new: ReceiverState) -> None:
     """Return when the table allows the transition; IllegalTransitionError naming both states when not."""
     if new not in TRANSITIONS[old]:

@@ -29,6 +29,8 @@ class Operator:
     """Who answers for the relay, once it is flown."""
     stopped: str | None = None
     """Why the run is to end, or None."""
+    show: Callable[[str | None], None] = lambda _: None
+    """Gets what he is asked, and None when that is no longer asked."""
     _asked: asyncio.Future[bool] | None = None
     _stopping: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -49,6 +51,7 @@ class Operator:
             return False
         here = "" if self.terminal is None else "; here, Enter goes on"
         self.say(f"{question} ({WAYS_ON}{here})")
+        self.show(question)
         self._asked = asyncio.get_running_loop().create_future()
         reading = None if self.terminal is None else asyncio.ensure_future(self.terminal())
         try:
@@ -58,6 +61,7 @@ class Operator:
             return reading is not None and reading.result()
         finally:
             self._asked = None
+            self.show(None)
             if reading is not None:
                 reading.cancel()
 

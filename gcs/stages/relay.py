@@ -6,17 +6,20 @@ from collections.abc import Callable
 from typing import Final
 
 from drivers.bus.messages import Progress, encode
+from drivers.bus.run_messages import Level
 from gcs.control import ControlDesk
 from gcs.playbook.stages import Relay
 from gcs.recording.journal import change_line
 from gcs.relay.executor import RelayExecutor
 from gcs.relay.records import ReceiverRecord
-from gcs.relay.states import ReceiverState
+from gcs.relay.states import HALTED, ReceiverState
 from gcs.resume.beginning import go_on
 from gcs.stages.outlook import Foreseen, Outlook
 from gcs.stages.run import Run, StageError
 from planner.plan import Route
 from planner.relay import wave_durations_s
+
+_LEGS: Final = {ReceiverState.LEG_1: 1, ReceiverState.LEG_2: 2}
 
 CREEP_S: Final = 1.5
 """What a leg takes longer because it is slowed as its angle closes."""
@@ -72,7 +75,10 @@ def announcer(run: Run) -> Callable[[ReceiverRecord], None]:
 
     def announce(record: ReceiverRecord) -> None:
         run.status.on_air = run.emission.on_air
-        run.status.say(f"{record.name} {record.state.value}" + (f": {record.reason}" if record.reason else ""))
+        told = f"{record.name} {record.state.value}" + (f": {record.reason}" if record.reason else "")
+        state, slowed = record.state, record.leg is not None and bool(record.reason)
+        level: Level = "alert" if state in HALTED else "warning" if slowed else "info"
+        run.status.say(told, level=level, vehicle=record.name, leg=_LEGS.get(state), state=state.value)
         now_ns = run.clock.unix_ns()
         run.journal.append(change_line(now_ns, record))
         progress = Progress(now_ns, record.name, record.state.value, record.reason)

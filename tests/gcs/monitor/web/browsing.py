@@ -1,0 +1,138 @@
+"""The dashboard as a user has it: its process, a run for it to show, and a real browser before it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import shutil
+import signal
+import sys
+from dataclasses import dataclass, field
+
+import pytest
+from playwright.async_api import Error as PlaywrightError
+from playwright.async_api import async_playwright
+
+from drivers.simulation.launcher import free_tcp_port
+
+DASHBOARD = ("-m", "gcs.cli", "dashboard")
+CHROMIUM = shutil.which("chromium")
+VIEW = "view-0123456789abcdef"
+COMMAND = "command-0123456789abcdef"
+SIZES = {"desktop": {"width": 1280, "height": 800}, "phone": {"width": 390, "height": 844}}
+_STARTS_WITHIN_S = 20.0
+
+
+@contextlib.asynccontextmanager
+async def started(*arguments, environment=None, end=signal.SIGTERM):
+    """Run a Python process of this project while the block lasts."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        *arguments,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+        env={**os.environ, **(environment or {})},
+        start_new_session=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.send_signal(end)
+            try:
+                await asyncio.wait_for(process.communicate(), 5.0)
+            except TimeoutError:
+                process.kill()
+                await process.communicate()
+
+
+@dataclass
+class Dashboard:
+    """The dashboard's process, which can be ended and started anew at the same place."""
+
+    runs_dir: object
+    tokens: dict = field(default_factory=lambda: {"VIEW": VIEW, "COMMAND": COMMAND})
+    port: int = field(default_factory=free_tcp_port)
+    options: tuple[str, ...] = ()
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.port}/"
+
+    @contextlib.asynccontextmanager
+    async def open(self):
+        place = ["--listen", f"127.0.0.1:{self.port}", "--runs-dir", str(self.runs_dir), *self.options]
+        environment = {f"BEARING_RELAY_{role}_TOKEN": token for role, token in self.tokens.items()}
+        async with started(*DASHBOARD, *place, environment=environment) as process:
+            line = await asyncio.wait_for(process.stdout.readline(), _STARTS_WITHIN_S)
+            assert b"dashboard at" in line, line + await process.stdout.read()
+            yield process
+
+
+@contextlib.asynccontextmanager
+async def scripted(runs_dir, *options, port=None):
+    """Play a scripted run on a bus of its own."""
+    port = str(port or free_tcp_port())
+    async with started("-m", "tests.gcs.monitor.web.scripted", port, str(runs_dir), *options) as process:
+        yield process
+
+
+class Browser:
+    """One page of a real browser. It notes what goes wrong in it, and whom it asks for anything."""
+
+    def __init__(self, context, page, url):
+        self.context = context
+        self.page = page
+        self.url = url
+        self.wrong = []
+        self.asked = set()
+        page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        page.on("request", lambda request: self.asked.add(request.url))
+        page.on("websocket", lambda socket: self.asked.add(socket.url))
+
+    async def sign_in(self, token):
+        await self.page.goto(self.url + "login")
+        await self.page.fill("#token", token)
+        await self.page.click("button")
+
+    async def words(self, name):
+        return await self.page.locator(f"[data-test={name}]").inner_text()
+
+    async def until(self, name, words, within_s=10.0):
+        """Wait until a part of the page says these words."""
+        found = self.page.locator(f"[data-test={name}]", has_text=words)
+        await found.wait_for(timeout=1000.0 * within_s)
+
+    async def states(self):
+        """Return the state that the table shows of every receiver."""
+        rows = self.page.locator("tr[data-receiver]")
+        told = await rows.evaluate_all("rows => rows.map(row => [row.dataset.receiver, row.dataset.state])")
+        return dict(told)
+
+    async def keep_pressed(self, verb, for_s):
+        """Keep a button of the commands pressed with the mouse."""
+        button = self.page.locator(f".command-panel [data-verb={verb}]")
+        await button.scroll_into_view_if_needed()
+        box = await button.bounding_box()
+        await self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        await self.page.mouse.down()
+        await asyncio.sleep(for_s)
+        await self.page.mouse.up()
+
+
+@contextlib.asynccontextmanager
+async def browsing(url, size="desktop", colours="light"):
+    """Open a page of a real browser; skipped where there is none."""
+    if CHROMIUM is None:
+        pytest.skip("needs chromium")
+    async with async_playwright() as playwright:
+        chromium = await playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        context = await chromium.new_context(
+            viewport=SIZES[size], color_scheme=colours, has_touch=size == "phone", reduced_motion="reduce"
+        )
+        try:
+            yield Browser(context, await context.new_page(), url)
+        finally:
+            with contextlib.suppress(PlaywrightError):
+                await chromium.close()
