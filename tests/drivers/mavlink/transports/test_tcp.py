@@ -223,8 +223,9 @@ def test_a_connection_that_stalls_is_backlogged_then_dropped_with_what_waits_in_
                 with contextlib.suppress(OSError):
                     peer.send(frames[0])
                 await asyncio.sleep(0.05)
-            assert BACKLOG_S <= backlogged_s - stalled_s < STALLED_S
-            assert STALLED_S <= loop.time() - stalled_s < SILENT_S
+            assert backlogged_s is not None, "it was dropped unannounced"
+            assert backlogged_s - stalled_s >= BACKLOG_S
+            assert loop.time() - stalled_s >= STALLED_S
             assert not transport.backlogged
             again, _ = await asyncio.wait_for(loop.sock_accept(listener), 100.0)
             with again:
