@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from drivers.errors import DriverError
-from gcs.commands import sitl
+from gcs.commands import keys, sitl
 from gcs.commands.check import check
 from gcs.commands.control import control
 from gcs.commands.copter import copter
@@ -39,6 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(sitl.app, name="sitl")
+app.add_typer(keys.app, name="keys")
 for command in (
     demo,
     plan,

@@ -6,8 +6,10 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import Final
 
+from drivers.bus.security import with_keys
 from drivers.bus.session import Bus, BusEndpoint, open_bus
 from drivers.errors import BusError
 from drivers.simulation.launcher import ProcessGroup, free_tcp_port, this_pid
@@ -23,12 +25,13 @@ async def start_router(group: ProcessGroup) -> str:
 
 
 @contextlib.asynccontextmanager
-async def joined(endpoint: str) -> AsyncIterator[Bus]:
-    """Join the bus, waiting for a router that is just starting."""
+async def joined(endpoint: str, keys: str | None = None) -> AsyncIterator[Bus]:
+    """Join the bus, with the service's keys where it is closed, waiting for a router that is just starting."""
+    way_in = with_keys(BusEndpoint(endpoint), Path(keys) if keys else None)
     deadline_s = time.monotonic() + START_TIMEOUT_S
     while True:
         try:
-            async with open_bus(BusEndpoint(endpoint)) as bus:
+            async with open_bus(way_in) as bus:
                 yield bus
                 return
         except BusError:

@@ -143,7 +143,7 @@ async def _serve(
         journal = stack.enter_context(open_journal(folder.path / JOURNAL_FILE))
         group = await stack.enter_async_context(process_group(logs))
         endpoint = playbook.bus.router or await start_router(group)
-        bus = await stack.enter_async_context(joined(endpoint))
+        bus = await stack.enter_async_context(joined(endpoint, playbook.bus.keys))
         folder.write_json(BUS_FILE, msgspec.to_builtins(BusAddress(endpoint, playbook.name)))
         tlogs = await stack.enter_async_context(open_tlogs(folder.path / "tlogs", clock))
         counted = CountingLogs(tlogs)

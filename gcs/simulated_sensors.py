@@ -32,5 +32,6 @@ async def start_sensors(
         parent_pid=this_pid(),
         reference=sensor.reference,
         faults={name: sensor.faults.of(name) for name in playbook.receivers},
+        keys=playbook.bus.keys,
     )
     await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))

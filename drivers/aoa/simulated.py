@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import count
+from pathlib import Path
 from typing import Literal
 
 import msgspec
@@ -29,6 +30,7 @@ from drivers.bus.messages import (
     decode,
     encode,
 )
+from drivers.bus.security import with_keys
 from drivers.bus.session import Bus, BusEndpoint, Handler, open_bus
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BusError
@@ -58,6 +60,8 @@ class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reference: Literal["true_north", "body"] = "true_north"
     faults: dict[str, SensorFaults] = {}
     """By receiver; those not named have none."""
+    keys: str | None = None
+    """The service's file of keys, where the bus is closed to strangers."""
 
     def sensor(self, receiver: str) -> SimulatedSensor:
         """Return the sensor of one receiver."""
@@ -169,7 +173,8 @@ def tolerant(take: Handler) -> Handler:
 
 async def _serve(settings: SensorSettings) -> None:
     clock = SystemClock(settings.speedup, settings.epoch_ns)
-    async with open_bus(BusEndpoint(settings.endpoint)) as bus, background(run_sensors(settings, bus, clock)):
+    endpoint = with_keys(BusEndpoint(settings.endpoint), Path(settings.keys) if settings.keys else None)
+    async with open_bus(endpoint) as bus, background(run_sensors(settings, bus, clock)):
         await until_told_to_stop(settings.parent_pid)
 
 

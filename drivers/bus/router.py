@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import asyncio
 import sys
+from pathlib import Path
 
+from drivers.bus.security import with_keys
 from drivers.bus.session import BusEndpoint, open_bus
 from drivers.errors import BusError
 from drivers.process import until_told_to_stop
 
 
-async def _serve(endpoint: str, parent_pid: int | None) -> None:
-    async with open_bus(BusEndpoint(endpoint, role="router")):
+async def _serve(endpoint: str, keys: Path | None, parent_pid: int | None) -> None:
+    async with open_bus(with_keys(BusEndpoint(endpoint, role="router"), keys)):
         await until_told_to_stop(parent_pid)
 
 
@@ -20,10 +22,11 @@ def main() -> int:
     """Route until told to stop; 2 when the endpoint cannot be listened on."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("endpoint", help="where to listen, e.g. tcp/127.0.0.1:7447")
+    parser.add_argument("--keys", type=Path, help="the router's file of `bearing-relay keys init`")
     parser.add_argument("--parent-pid", type=int, help="end when this process has ended")
     arguments = parser.parse_args()
     try:
-        asyncio.run(_serve(arguments.endpoint, arguments.parent_pid))
+        asyncio.run(_serve(arguments.endpoint, arguments.keys, arguments.parent_pid))
     except BusError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -13,9 +13,10 @@ from rich.console import Console
 
 from drivers.bus.keys import NAME_PATTERN, SwarmKeys
 from drivers.bus.messages import ControlReply, ControlRequest, MalformedMessageError, decode
+from drivers.bus.security import with_keys
 from drivers.bus.session import BusEndpoint, open_bus
 from drivers.errors import BusError
-from gcs.commands.options import RunsDir
+from gcs.commands.options import BusKeys, RunsDir
 from gcs.control import VERBS
 from gcs.errors import ServiceError
 from gcs.monitor.access import COMMAND_VARIABLE, read_tokens
@@ -38,6 +39,7 @@ def control(
     swarm: Annotated[str | None, typer.Option(help="the swarm: the playbook's name")] = None,
     run: Annotated[Path | None, typer.Option(help="the folder of the run; without it the newest run")] = None,
     runs_dir: RunsDir = Path("runs"),
+    keys: BusKeys = None,
     command_token_file: Annotated[
         Path | None,
         typer.Option(help=f"the token, where the run takes words only from its holders; else {COMMAND_VARIABLE}"),
@@ -52,7 +54,7 @@ def control(
     if re.fullmatch(NAME_PATTERN, address.swarm) is None:
         raise ServiceError(f"{address.swarm!r} is no name of a swarm: --swarm takes the playbook's name")
     reply = asyncio.run(
-        _ask(address, ControlRequest(verb.value, vehicle), proving(read_tokens(None, command_token_file).command))
+        _ask(address, keys, ControlRequest(verb.value, vehicle), proving(read_tokens(None, command_token_file).command))
     )
     console = Console(soft_wrap=True, highlight=False, markup=False)
     console.print(reply.message, style=None if reply.ok else "red")
@@ -60,9 +62,9 @@ def control(
         raise typer.Exit(1)
 
 
-async def _ask(address: BusAddress, request: ControlRequest, say: Words) -> ControlReply:
+async def _ask(address: BusAddress, keys: Path | None, request: ControlRequest, say: Words) -> ControlReply:
     key = SwarmKeys(address.swarm).control
-    async with open_bus(BusEndpoint(address.endpoint)) as bus:
+    async with open_bus(with_keys(BusEndpoint(address.endpoint), keys)) as bus:
         payload = await bus.ask(key, say(address.swarm, request))
     try:
         return decode(payload, ControlReply)

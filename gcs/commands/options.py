@@ -39,6 +39,9 @@ ReportPath = Annotated[Path | None, typer.Option("--json", help="write the run's
 DashboardPlace = Annotated[
     str | None, typer.Option(help="serve the dashboard beside it, at HOST:PORT on loopback: 127.0.0.1:8080")
 ]
+BusKeys = Annotated[
+    Path | None, typer.Option("--keys", help="your file of `keys init`, where the bus is closed to strangers")
+]
 RunsDir = Annotated[Path, typer.Option(help="where run folders are made")]
 
 

@@ -21,10 +21,12 @@ from drivers.aoa.kinds import SENSORS, read_settings
 from drivers.aoa.sensor import Say, Sensor
 from drivers.bus.keys import NAME_PATTERN, SwarmKeys
 from drivers.bus.messages import json_schemas
+from drivers.bus.security import with_keys
 from drivers.bus.session import Bus, BusEndpoint, open_bus
 from drivers.clock import SystemClock
 from drivers.errors import BusError
 from drivers.process import until_told_to_stop
+from gcs.commands.options import BusKeys
 from gcs.errors import ServiceError
 
 RETRY_S: Final = 2.0
@@ -39,6 +41,7 @@ def sensor(
     uav: Annotated[str, typer.Option(help="the UAV it is on, as the playbook calls it")] = "",
     connect: Annotated[str, typer.Option(help="the bus router, e.g. tcp/10.0.0.1:7447")] = "",
     settings: Annotated[Path | None, typer.Option(help="what the sensor has to be told, a YAML file")] = None,
+    keys: BusKeys = None,
     schema: Annotated[bool, typer.Option("--schema", help="print the JSON Schema of what is on the bus")] = False,
 ) -> None:
     """Run an AOA sensor on a UAV's companion computer, until told to stop. The bus may come and go."""
@@ -49,17 +52,17 @@ def sensor(
     _require(re.fullmatch(NAME_PATTERN, swarm), "--swarm takes the playbook's name")
     _require(re.fullmatch(NAME_PATTERN, uav), "--uav takes the UAV's name in the playbook")
     _require(_ENDPOINT.fullmatch(connect), "--connect takes the bus router, e.g. tcp/10.0.0.1:7447")
-    clock = SystemClock()
+    clock, endpoint = SystemClock(), with_keys(BusEndpoint(connect), keys)
     made = read_settings(kind.value if kind is not None else "", _read(settings)).open(clock)
     console = Console(stderr=True)
 
     def say(message: str) -> None:
         console.print(message, markup=False, highlight=False, soft_wrap=True)
 
-    asyncio.run(_run(made, uav, SwarmKeys(swarm), connect, clock, say))
+    asyncio.run(_run(made, uav, SwarmKeys(swarm), endpoint, clock, say))
 
 
-async def _run(made: Sensor, uav: str, keys: SwarmKeys, endpoint: str, clock: SystemClock, say: Say) -> None:
+async def _run(made: Sensor, uav: str, keys: SwarmKeys, endpoint: BusEndpoint, clock: SystemClock, say: Say) -> None:
     """Run the sensor until it ends or this process is told to stop."""
     told = asyncio.ensure_future(until_told_to_stop())
     work = asyncio.ensure_future(_work(made, uav, keys, endpoint, clock, say))
@@ -72,20 +75,20 @@ async def _run(made: Sensor, uav: str, keys: SwarmKeys, endpoint: str, clock: Sy
             await work
 
 
-async def _work(made: Sensor, uav: str, keys: SwarmKeys, endpoint: str, clock: SystemClock, say: Say) -> None:
+async def _work(made: Sensor, uav: str, keys: SwarmKeys, endpoint: BusEndpoint, clock: SystemClock, say: Say) -> None:
     async with _joined(endpoint, say) as bus:
-        say(f"{uav}: on the bus of swarm {keys.swarm} at {endpoint}")
+        say(f"{uav}: on the bus of swarm {keys.swarm} at {endpoint.endpoint}")
         await SensorHost(made, uav, keys, bus, clock).run(say)
 
 
 @contextlib.asynccontextmanager
-async def _joined(endpoint: str, say: Say) -> AsyncIterator[Bus]:
+async def _joined(endpoint: BusEndpoint, say: Say) -> AsyncIterator[Bus]:
     """Join the bus, waiting for a router for as long as there is none: the UAV may be up before the ground is."""
     said = False
     async with contextlib.AsyncExitStack() as stack:
         while True:
             try:
-                bus = await stack.enter_async_context(open_bus(BusEndpoint(endpoint)))
+                bus = await stack.enter_async_context(open_bus(endpoint))
                 break
             except BusError as error:
                 if not said:

@@ -108,6 +108,14 @@ class BusSection(Section):
     """The zenoh bus. Without a router endpoint the service starts its own router on loopback."""
 
     router: Annotated[str, StringConstraints(pattern=r"^(tcp|tls|quic|udp)/.+:\d+$")] | None = None
+    keys: Annotated[str, StringConstraints(min_length=1)] | None = None
+    """The service's file of `bearing-relay keys init`: nobody else is on the bus but those with keys of theirs."""
+
+    @model_validator(mode="after")
+    def _keys_need_tls(self) -> BusSection:
+        if self.keys is not None and not (self.router or "").startswith("tls/"):
+            raise ValueError("a bus with keys has its router at tls/HOST:PORT: say so in router")
+        return self
 
 
 Target = Literal["embedded", "ardupilot", "px4", "vehicles"]

@@ -7,7 +7,7 @@ has taken over is left alone from then on, and a transmitter among them is not t
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
 from drivers.clock import Clock
@@ -320,4 +320,11 @@ class RelayExecutor:
         """Return why a receiver must not move now, or None. HoldRequiredError when it is not the service's to move."""
         if self.leases[name].state is StreamState.PILOT:
             raise HoldRequiredError(_TAKEN)
-        return self.objection(name)
+        return self.objection(name) or self._unfit(self.records[name].route.transmitters)
+
+    def _unfit(self, transmitters: Iterable[str]) -> str | None:
+        """Return why a transmitter from the start is not to be flown by, or None; a beacon tells nothing of itself."""
+        for name in transmitters:
+            if name in self.standing.given and name in self.leases and (problem := self.objection(name)) is not None:
+                return f"its transmitter {name}: {problem}"
+        return None

@@ -158,6 +158,21 @@ async def test_safety_s_objection_stops_and_holds() -> None:
     assert max(world.vehicles["U1"].renewals) <= 100.0 + 8.0 + 2 * PERIOD_S
 
 
+async def test_a_transmitter_that_tells_of_being_off_its_place_stops_who_flies_by_it() -> None:
+    world = World()
+
+    def drift(now_s: float) -> None:
+        if now_s > 8.0:
+            world.objections["L0"] = "it is 4.0 m from its place"
+
+    await world.run(meanwhile=drift)
+    record = world.executor.records["U1"]
+    assert record.state is HELD
+    assert "its transmitter L0: it is 4.0 m from its place" in record.reason
+    assert world.vehicles["U1"].command == 0j
+    assert max(world.vehicles["U1"].renewals) <= 100.0 + 8.0 + 2 * PERIOD_S
+
+
 async def test_a_pilot_ends_it_for_everyone() -> None:
     world = World()
 
