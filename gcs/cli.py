@@ -17,6 +17,7 @@ from gcs.commands.check import check
 from gcs.commands.control import control
 from gcs.commands.copter import copter
 from gcs.commands.dashboard import dashboard
+from gcs.commands.faults import faults
 from gcs.commands.fly import demo, fly
 from gcs.commands.monitor import monitor
 from gcs.commands.paper import paper
@@ -50,6 +51,7 @@ for command in (
     monitor,
     dashboard,
     simulate,
+    faults,
     replay,
     report,
     sensor,
