@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer
 from click.testing import Result
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -44,6 +44,7 @@ def test_a_request_is_answered_counted_and_put_before_whoever_watches() -> None:
     assert world.said[-1].startswith("operator: release U1: ")
 
 
+@settings(max_examples=30)
 @given(st.binary(max_size=60) | st.sampled_from([b'{"verb":"fly"}', b'{"verb":"hold","force":true}', b"null"]))
 def test_whatever_comes_is_answered_and_what_is_no_request_does_nothing(payload: bytes) -> None:
     world = World(attended=True)

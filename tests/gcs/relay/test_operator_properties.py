@@ -158,4 +158,4 @@ class Operation(RuleBasedStateMachine):
 
 
 TestOperation = Operation.TestCase
-TestOperation.settings = settings(max_examples=25, stateful_step_count=30, deadline=None)
+TestOperation.settings = settings(max_examples=12, stateful_step_count=30, deadline=None)
