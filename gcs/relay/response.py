@@ -79,19 +79,25 @@ class Response:
         return ahead.place
 
     def _move(self, to_s: float) -> None:
-        agility = self.agility
-        while self.time_s < to_s:
-            step_s = min(_STEP_S, to_s - self.time_s)
-            self.time_s = to_s if step_s < _STEP_S else self.time_s + step_s
-            wanted = _limited((self._command - self.velocity) / agility.response_s, agility.acceleration_mps2)
-            change = _limited(wanted - self.acceleration, agility.jerk_mps3 * step_s)
-            mean = self.acceleration + change / 2.0
-            self.acceleration += change
-            self.place += (self.velocity + mean * step_s / 2.0) * step_s
-            self.velocity += mean * step_s
-            self.overshoot -= (self.overshoot / agility.return_s + agility.overshoot_s * mean) * step_s
-
-
-def _limited(vector: complex, length: float) -> complex:
-    size = abs(vector)
-    return vector if size <= length else vector * (length / size)
+        """Integrate the motion up to a time. It is most of what a bearing costs: local names only."""
+        agility, command, time_s = self.agility, self._command, self.time_s
+        place, velocity, acceleration, overshoot = self.place, self.velocity, self.acceleration, self.overshoot
+        while time_s < to_s:
+            step_s = _STEP_S
+            if to_s - time_s < _STEP_S:
+                step_s, time_s = to_s - time_s, to_s
+            else:
+                time_s += _STEP_S
+            wanted = (command - velocity) / agility.response_s
+            if (size := abs(wanted)) > agility.acceleration_mps2:
+                wanted *= agility.acceleration_mps2 / size
+            change, largest = wanted - acceleration, agility.jerk_mps3 * step_s
+            if (size := abs(change)) > largest:
+                change *= largest / size
+            mean = acceleration + change / 2.0
+            acceleration += change
+            place += (velocity + mean * step_s / 2.0) * step_s
+            velocity += mean * step_s
+            overshoot -= (overshoot / agility.return_s + agility.overshoot_s * mean) * step_s
+        self.time_s, self.place, self.velocity = time_s, place, velocity
+        self.acceleration, self.overshoot = acceleration, overshoot

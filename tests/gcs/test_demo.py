@@ -14,8 +14,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.alone]
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize(("uavs", "planned_m"), [(8, 491.59), (20, 951.32)])
-def test_the_paper_s_relay_forms(tmp_path: Path, uavs: int, planned_m: float) -> None:
+def test_the_paper_s_relay_forms(tmp_path: Path) -> None:
+    uavs, planned_m = 8, 491.59  # the twenty are in the library of playbooks
     report_path = tmp_path / "report.json"
     options = ["--uavs", str(uavs), "--sigma-deg", "0.1", "--seed", "1", "--speedup", "10"]
     flown = subprocess.run(

@@ -74,7 +74,7 @@ def test_every_playbook_does_what_it_expects(tmp_path: Path) -> None:
 
 
 def test_the_crowded_one_does_what_it_expects(tmp_path: Path) -> None:
-    with flying(tmp_path, [LIBRARY[stem] for stem in CROWDED], speedup=8) as session:
+    with flying(tmp_path, [LIBRARY[stem] for stem in CROWDED], speedup=6) as session:
         require_passed(session, CROWDED)
 
 
