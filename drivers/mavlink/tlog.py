@@ -25,7 +25,7 @@ from drivers.clock import Clock
 
 log = logging.getLogger(__name__)
 
-FLUSH_PERIOD_S: Final = 0.08
+FLUSH_PERIOD_S: Final = 0.05
 """A killed service loses no more of a flight than the last tenth of a second."""
 _TIMESTAMP: Final = struct.Struct(">Q")
 _MIB: Final = 2**20
