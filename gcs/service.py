@@ -30,7 +30,7 @@ from gcs.monitor.access import Token, read_tokens
 from gcs.monitor.proven import ControlGuard
 from gcs.monitor.watched import watched
 from gcs.playbook.schema import Playbook, Target
-from gcs.playbook.target import aimed
+from gcs.playbook.target import aimed, patient
 from gcs.recording.bus_address import FILE as BUS_FILE
 from gcs.recording.bus_address import BusAddress
 from gcs.recording.facts import FILE as FACTS_FILE
@@ -189,6 +189,7 @@ def _on_target(playbook: Playbook, options: RunOptions) -> tuple[Playbook, Sitl 
         raise ServiceError(f"--speedup is for embedded copters only: this playbook is flown on {playbook.target}")
     if options.seed is not None:
         playbook = playbook.model_copy(update={"seed": options.seed})
+    playbook = patient(playbook, options.speedup)
     sitl = SITLS.get(playbook.target or "")
     if sitl is not None:
         sitl.find()

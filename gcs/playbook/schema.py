@@ -84,6 +84,10 @@ class Planner(Section):
     start_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)] = 1.0
 
 
+LONGEST_PATIENCE_S = 60.0
+"""The largest `flight.give_up_s`."""
+
+
 class Flight(Section):
     """How the relay is flown."""
 
@@ -91,7 +95,7 @@ class Flight(Section):
     speed_mps: Annotated[float, Field(ge=0.5, le=10.0)] = 5.0
     placement_tolerance_m: Metres = 3.0
     lease_s: Annotated[float, Field(ge=0.1, le=1.0)] = 0.5
-    give_up_s: Annotated[float, Field(ge=1.0, le=60.0)] = 5.0
+    give_up_s: Annotated[float, Field(ge=1.0, le=LONGEST_PATIENCE_S)] = 5.0
     land_after: bool = False
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import ValidationError
 
 from gcs.errors import ServiceError
-from gcs.playbook.schema import Playbook, Target
+from gcs.playbook.schema import LONGEST_PATIENCE_S, Playbook, Target
 
 
 def aimed(playbook: Playbook, target: Target | None = None) -> Playbook:
@@ -20,3 +20,13 @@ def aimed(playbook: Playbook, target: Target | None = None) -> Playbook:
     except ValidationError as error:
         reasons = "; ".join(f"{'.'.join(map(str, details['loc']))}: {details['msg']}" for details in error.errors())
         raise ServiceError(f"{playbook.name} cannot be flown on {chosen}: {reasons}") from error
+
+
+def patient(playbook: Playbook, speedup: float) -> Playbook:
+    """Return the playbook with the patience it has by this machine's clock, in simulated seconds: `give_up_s`.
+
+    What a busy machine makes wait is not a fault of the swarm, and costs `speedup` times as long in simulated time.
+    Velocities are zero meanwhile as always.
+    """
+    patience_s = min(LONGEST_PATIENCE_S, playbook.flight.give_up_s * max(1.0, speedup))
+    return playbook.model_copy(update={"flight": playbook.flight.model_copy(update={"give_up_s": patience_s})})
