@@ -32,7 +32,7 @@ from gcs.commands.options import (
     changed,
 )
 from gcs.errors import ServiceError
-from gcs.expectations import Verdict
+from gcs.expectations import Verdict, all_passed, verdicts_of
 from gcs.monitor.beside import dashboard_beside
 from gcs.monitor.terminal import result_lines, result_table, show_progress
 from gcs.playbook.loader import load_runs
@@ -102,14 +102,6 @@ def fly(
     _fly(runs, options, sigma_deg, json, dashboard)
 
 
-def all_came_true(report: Mapping[str, Any]) -> bool:
-    """Return whether a run did what its playbook expects, or else formed up with every stage done."""
-    if report["verdicts"]:
-        return all(verdict["passed"] for verdict in report["verdicts"])
-    done = all(stage["outcome"] == "done" for stage in report["stages"])
-    return done and report["outcome"] in ("formed", "completed")
-
-
 def _fly(
     runs: Sequence[MatrixRun], options: RunOptions, sigma_deg: float | None, json: Path | None, dashboard: str | None
 ) -> None:
@@ -129,7 +121,7 @@ def _fly(
             console.input("Enter ends the dashboard ")
     if json is not None:
         write_json(json, reports if len(runs) > 1 else reports[0])
-    if len(reports) < len(runs) or not all(map(all_came_true, reports)):
+    if len(reports) < len(runs) or not all(all_passed(verdicts_of(report)) for report in reports):
         raise typer.Exit(1)
 
 

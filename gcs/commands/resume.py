@@ -11,8 +11,9 @@ import typer
 from rich.console import Console
 
 from gcs.commands.attending import enter_pressed
-from gcs.commands.fly import all_came_true, print_result, shown_on
+from gcs.commands.fly import print_result, shown_on
 from gcs.commands.options import ReportPath
+from gcs.expectations import all_passed, verdicts_of
 from gcs.recording.run_folder import write_json
 from gcs.resume.left_run import read_left_run
 from gcs.service import RunOptions
@@ -40,5 +41,5 @@ def resume(
     print_result(console, result)
     if json is not None:
         write_json(json, result.report)
-    if not all_came_true(result.report):
+    if not all_passed(verdicts_of(result.report)):
         raise typer.Exit(1)

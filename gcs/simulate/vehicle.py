@@ -11,11 +11,13 @@ from drivers.simulation.flight import Flight, Order
 from drivers.simulation.goals import Climb, Goal, Velocity
 from drivers.simulation.modes import Mode
 from drivers.simulation.parameters import Parameters
-from drivers.simulation.weather import SimulatedWeather, copter_parameters
+from drivers.simulation.weather import CALM, SimulatedWeather, copter_parameters
 
 _REACHED: Final = 0.95
 _SETTLES_S: Final = 5.0
 _CLIMB_S_PER_M: Final = 10.0
+_RESTING: Final = 1e-4
+"""What moves by less than this, in m, m/s and m/s2, stays where it is."""
 
 
 class SimulatedVehicle:
@@ -43,6 +45,9 @@ class SimulatedVehicle:
         self._home = home
         self._limits = limits
         self._clock = clock
+        self._calm = weather == CALM
+        self._rests_under: Order | None = None
+        """What it stands still under: time passes then without steps, for most of a relay wait."""
         self._lease_until_s = self._zero_until_s = 0.0
         self._flight = Flight(parameters, lambda *_: None, heading_rad, seed=seed)
         self._take_off(altitude_m)
@@ -138,7 +143,29 @@ class SimulatedVehicle:
         flight.obey(Order(Goal(horizontal, Climb(0.0, flight.vertical)), flight.time_s + timeout_s))
 
     def _fly_to(self, time_s: float) -> None:
-        self._flight.advance(time_s - self._switched_on_s)
+        flight = self._flight
+        if self._rests_under is flight.order:
+            self._switched_on_s = time_s - flight.time_s
+            return
+        flight.advance(time_s - self._switched_on_s)
+        if self._calm and self._rests():
+            self._rests_under = flight.order
+
+    def _rests(self) -> bool:
+        """Return whether it was told to stand, and does."""
+        told, dynamics, reference = self._flight.order.goal.horizontal, self._dynamics, self._dynamics.reference
+        if not isinstance(told, Velocity) or told.north_mps or told.east_mps:
+            return False
+        moving = (
+            *(dynamics.north.velocity_mps, dynamics.east.velocity_mps, dynamics.down.velocity_mps),
+            *(dynamics.north.accel_mps2, dynamics.east.accel_mps2, dynamics.down.accel_mps2),
+            *(reference.v_north_mps, reference.v_east_mps, reference.v_down_mps),
+            *(reference.a_north_mps2, reference.a_east_mps2, reference.a_down_mps2),
+            reference.north_m - dynamics.north.position_m,
+            reference.east_m - dynamics.east.position_m,
+            reference.down_m - dynamics.down.position_m,
+        )
+        return max(map(abs, moving)) < _RESTING
 
     def _take_off(self, altitude_m: float) -> None:
         flight = self._flight

@@ -21,20 +21,20 @@ def test_the_systems_clock_is_the_machines():
 
 def test_a_fast_clock_runs_as_many_times_as_fast():
     clock = SystemClock(speedup=50.0, epoch_ns=time.time_ns())
-    before_s, before_now_s, before_ns = time.monotonic(), clock.now_s(), clock.unix_ns()
-    while time.monotonic() < before_s + 0.02:
-        pass
-    elapsed_s = time.monotonic() - before_s
-    assert clock.now_s() - before_now_s == pytest.approx(50 * elapsed_s, rel=0.2)
-    assert (clock.unix_ns() - before_ns) * 1e-9 == pytest.approx(50 * elapsed_s, rel=0.2)
+    before_s, now_s, unix_ns, between_s = time.monotonic(), clock.now_s(), clock.unix_ns(), time.monotonic()
+    time.sleep(0.02)
+    until_s, now_s, unix_ns = time.monotonic(), clock.now_s() - now_s, clock.unix_ns() - unix_ns
+    after_s = time.monotonic()
+    for passed_s in (now_s, unix_ns * 1e-9):
+        assert 50 * (until_s - between_s) - 1e-3 <= passed_s <= 50 * (after_s - before_s) + 1e-3
 
 
 def test_a_fast_clock_starts_from_its_epoch_so_that_processes_given_the_same_agree():
     epoch_ns = time.time_ns() - 1_000_000_000
     first, second = SystemClock(10.0, epoch_ns), SystemClock(10.0, epoch_ns)
-    earlier_ns, later_ns = first.unix_ns(), second.unix_ns()
+    earlier_ns, between_ns, later_ns = first.unix_ns(), second.unix_ns(), first.unix_ns()
     assert earlier_ns - epoch_ns >= 10_000_000_000
-    assert 0 <= later_ns - earlier_ns < 1_000_000_000
+    assert earlier_ns - 1_000_000 <= between_ns <= later_ns + 1_000_000
 
 
 async def test_sleeping_takes_the_clocks_time_not_the_machines():
@@ -43,14 +43,14 @@ async def test_sleeping_takes_the_clocks_time_not_the_machines():
     slept_from_s = clock.now_s()
     await clock.sleep(10.0)
     assert clock.now_s() - slept_from_s >= 9.9
-    assert time.monotonic() - started_s < 1.0
+    assert time.monotonic() - started_s < 5.0
 
 
 @pytest.mark.parametrize("duration_s", [0.0, -1.0, -1e9])
 async def test_sleeping_for_no_time_only_lets_the_others_run(duration_s):
     others = []
     asyncio.get_running_loop().call_soon(others.append, "ran")
-    await asyncio.wait_for(SystemClock().sleep(duration_s), 1.0)
+    await asyncio.wait_for(SystemClock().sleep(duration_s), 20.0)
     assert others == ["ran"]
 
 

@@ -47,7 +47,7 @@ def test_the_paper_s_relay_forms(tmp_path: Path) -> None:
 def test_waves_of_the_joint_planner_form(tmp_path: Path) -> None:
     playbook = "sitl_configs/waves_8.yaml"
     report_path = tmp_path / "report.json"
-    options = ["--seed", "1", "--speedup", "5", "--json", str(report_path), "--runs-dir", str(tmp_path)]
+    options = ["--seed", "1", "--speedup", "8", "--json", str(report_path), "--runs-dir", str(tmp_path)]
     flown = subprocess.run(
         [sys.executable, "-m", "gcs.cli", "fly", playbook, *options],
         capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,

@@ -6,6 +6,7 @@ import asyncio
 import json
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,12 @@ async def resume(field: Field, *options: str) -> tuple[int, str]:
 async def kill(field: Field) -> None:
     field.service.send_signal(signal.SIGKILL)
     await field.service.wait()
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(20.0):
+        while not condition():  # noqa: ASYNC110 - other processes have no event to wait for
+            await asyncio.sleep(0.02)
 
 
 def commands_after(folder: Path) -> set[int]:
@@ -88,7 +95,7 @@ async def test_who_is_on_the_ground_is_neither_armed_nor_taken_off(tmp_path: Pat
         await kill(field)
         for wire in field.wires.values():
             wire.command(0.0, 21196.0, number=mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
-        await asyncio.sleep(2.0)  # their next heartbeats come
+        await until(lambda: all(wire.armed is False for wire in field.wires.values()))
         status, said = await resume(field)
         assert status == 2, said
         assert "on the ground" in said

@@ -63,7 +63,7 @@ def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, text: str, say
         sensor(**GOOD, settings=path)
 
 
-async def until(condition: Callable[[], object], timeout_s: float = 20.0) -> None:
+async def until(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
     async with asyncio.timeout(timeout_s):
         while not condition():  # noqa: ASYNC110 - other processes have no event to wait for
             await asyncio.sleep(0.02)
@@ -99,6 +99,7 @@ async def test_a_sensor_waits_for_its_bus_publishes_answers_and_ends_when_told_t
         assert process.stderr is not None
         assert b"Trying again" in await asyncio.wait_for(process.stderr.readline(), 20.0)
         for _ in range(2):  # the ground may also be restarted
+            began_ns = time.time_ns()
             async with open_bus(BusEndpoint(endpoint, role="router")) as bus:
                 reports, pongs = reports_on(bus), []
                 bus.subscribe(KEYS.clock_pong("U1"), lambda _, payload: pongs.append(decode(payload, ClockPong)))  # noqa: B023
@@ -106,8 +107,8 @@ async def test_a_sensor_waits_for_its_bus_publishes_answers_and_ends_when_told_t
                 bus.put_latest(KEYS.clock_ping("U1"), encode(ClockPing(asked_ns=4711)), urgent=True)
                 await until(lambda: pongs)  # noqa: B023
                 assert pongs[0].asked_ns == 4711
-                assert abs(pongs[0].received_ns - time.time_ns()) < 1e9
-                assert abs(reports[-1].captured_ns - time.time_ns()) < 1e9
+                assert began_ns <= pongs[0].received_ns <= pongs[0].answered_ns <= time.time_ns()
+                assert began_ns <= reports[-1].captured_ns <= time.time_ns()
         process.terminate()
         assert await asyncio.wait_for(process.wait(), 10.0) == 0
 
@@ -116,7 +117,7 @@ async def test_a_sensor_waits_for_its_bus_publishes_answers_and_ends_when_told_t
 async def test_the_example_in_the_readme_puts_bearings_on_the_bus() -> None:
     (example,) = (text for text in re.findall(r"```python\n(.*?)```", README.read_text(), re.S) if "zenoh" in text)
     assert len(example.strip().splitlines()) <= 12
-    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
+    endpoint, began_ns = f"tcp/127.0.0.1:{free_tcp_port()}", time.time_ns()
     assert "tcp/10.0.0.1:7447" in example
     program = example.replace("tcp/10.0.0.1:7447", endpoint)
     async with open_bus(BusEndpoint(endpoint, role="router")) as bus:
@@ -125,7 +126,7 @@ async def test_the_example_in_the_readme_puts_bearings_on_the_bus() -> None:
             await until(lambda: len(reports) > 3)
             assert process.returncode is None or process.returncode == 0
     assert reports[0].reference == "true_north"
-    assert abs(reports[-1].captured_ns - time.time_ns()) < 2e9
+    assert all(began_ns <= report.captured_ns <= time.time_ns() for report in reports)
     assert len({report.bearings[0].azimuth_rad for report in reports}) == len(reports)
 
 

@@ -42,7 +42,10 @@ async def test_who_hovers_leans_into_the_wind_and_the_relay_forms_and_lands(sitl
         print(f"mean roll {roll_deg:.1f}, pitch {pitch_deg:.1f} degrees")
         assert pitch_deg < -8.0
         assert abs(roll_deg) < 5.0
-        assert await field.ended(120.0) == 0
+        assert await field.ended(120.0) == 0, field.lines
+        assert field.report()["outcome"] == "formed"
+        assert field.wire.was_armed
+        assert field.wire.armed is False
         error_m = field.report()["receivers"][0]["placement_error_m"]
         print(f"placement error {error_m:.2f} m")
         assert error_m < 1.0

@@ -61,10 +61,11 @@ async def test_the_strategy_follows_from_the_heartbeat(flight):
 
 async def test_preparing_asks_for_position_and_health(flight):
     await flight.start(flight.autopilot.prepare(flight.vehicle))
-    assert flight.commands == [SET_INTERVAL, SET_INTERVAL]
+    assert flight.commands == [SET_INTERVAL] * 3
     assert {int(message.param1): message.param2 for message in flight.wire.commands} == {
         mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 200_000.0,
         mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1_000_000.0,
+        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1_000_000.0,
     }
 
 

@@ -1,4 +1,4 @@
-"""The tap on a simulated vehicle's link: transparent, until it is cut; and others may speak through it."""
+"""The tap on a simulated vehicle's link: transparent, until it is cut or fails; and others may speak through it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import contextlib
 import socket
 from collections.abc import Iterator
 
+from drivers.simulation.impairment import UNIMPAIRED, Impairment
 from drivers.simulation.link_tap import HOST, open_tap
 
 
@@ -51,4 +52,34 @@ async def test_another_station_is_heard_by_the_vehicle_alone_cut_or_not() -> Non
             tap.cut = True
             tap.speak(b"pilot")
             assert await heard(vehicle) == b"pilot"
+            assert await heard(service) is None
+
+
+async def test_a_bad_link_loses_doubles_and_delays_either_way_until_it_is_good_again() -> None:
+    with opened() as service, opened() as vehicle:
+        async with open_tap(3, service.getsockname()[1], seed="1") as tap:
+            there = (HOST, tap.port)
+            tap.impairment = Impairment(loss=1.0)
+            vehicle.sendto(b"lost", there)
+            assert await heard(service) is None
+            tap.impairment = Impairment(duplication=1.0)
+            vehicle.sendto(b"twice", there)
+            service.settimeout(5.0)
+            assert [await asyncio.to_thread(service.recv, 100) for _ in range(2)] == [b"twice", b"twice"]
+            service.settimeout(0.0)
+            tap.impairment = Impairment(delay_s=0.1)
+            service.sendto(b"late", there)
+            tap.impairment = UNIMPAIRED
+            assert await heard(vehicle) == b"late"
+            vehicle.sendto(b"again", there)
+            assert await heard(service) == b"again"
+
+
+async def test_what_is_under_way_when_the_link_is_cut_is_lost() -> None:
+    with opened() as service, opened() as vehicle:
+        async with open_tap(3, service.getsockname()[1]) as tap:
+            tap.impairment = Impairment(delay_s=0.05)
+            vehicle.sendto(b"late", (HOST, tap.port))
+            await asyncio.sleep(0.02)
+            tap.cut = True
             assert await heard(service) is None

@@ -8,6 +8,7 @@ import pytest
 
 from drivers.bus.messages import ControlRequest, decode
 from drivers.bus.run_messages import ProvenRequest, decode_run
+from drivers.errors import BusError
 from gcs.commands.monitor import monitor
 from gcs.errors import ServiceError
 from gcs.monitor.access import COMMAND_VARIABLE
@@ -62,10 +63,12 @@ def test_a_run_or_a_bus_can_be_named(screen: Screen, tmp_path: Path) -> None:
     run_folder(tmp_path, "2", BusAddress("tcp/127.0.0.1:2", "second"))
     monitor(run=folder, runs_dir=tmp_path)
     assert screen.client.find() == address
-    monitor(connect="tcp/10.0.0.5:7447", runs_dir=tmp_path)
-    assert screen.client.find() == BusAddress("tcp/10.0.0.5:7447", "")
-    monitor(connect="tcp/10.0.0.5:7447", swarm="paper-8", runs_dir=tmp_path)
-    assert screen.client.find() == BusAddress("tcp/10.0.0.5:7447", "paper-8")
+    monitor(connect="tcp/10.0.0.5:7447", insecure=True, runs_dir=tmp_path)
+    assert screen.client.find() == BusAddress("tcp/10.0.0.5:7447", "", insecure=True)
+    monitor(connect="tcp/10.0.0.5:7447", insecure=True, swarm="paper-8", runs_dir=tmp_path)
+    assert screen.client.find() == BusAddress("tcp/10.0.0.5:7447", "paper-8", insecure=True)
+    with pytest.raises(BusError, match="--insecure"):
+        monitor(connect="tcp/10.0.0.5:7447", runs_dir=tmp_path)
 
 
 def test_a_swarm_that_is_no_name_is_refused(screen: Screen) -> None:

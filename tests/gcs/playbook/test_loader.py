@@ -96,6 +96,13 @@ def test_each_problem_with_its_place_and_what_is_allowed(load, found: str, inste
     assert any(problem.startswith(expected) for problem in problems(load, GOOD.replace(found, instead)))
 
 
+def test_a_wrong_kind_is_said_where_it_stands_in_a_block(load) -> None:
+    block = "formation:\n  slots: 3\n  kind: ring\n  radius_m: 60"
+    text = GOOD.replace("formation: {kind: circle, slots: 3, radius_m: 60}", block)
+    [problem] = problems(load, text)
+    assert problem.startswith("5:3: formation.kind: is no formation (allowed are circle")
+
+
 def test_everything_wrong_is_said_at_once(load) -> None:
     text = (
         GOOD.replace("slots: 3", "slots: 0").replace("[60, 0]", "[60]")

@@ -23,17 +23,9 @@ PLACED, HELD, WAITING, PILOT = (
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-async def test_the_paper_s_eight_form_up_from_bearings_alone(seed: int) -> None:
+async def test_the_paper_s_eight_form_up_one_after_the_other_from_bearings_alone(seed: int) -> None:
     """The executor is handed leases, bearings and nothing else: there is no position it could have used."""
     world = World(sigma_deg=0.1, seed=seed)
-    await world.run()
-    assert set(world.states().values()) == {PLACED}
-    assert world.executor.formed
-    assert max(world.errors_m().values()) < 1.0
-
-
-async def test_one_after_the_other_and_only_two_on_the_air() -> None:
-    world = World(sigma_deg=0.05)
     most = 0
 
     def look(_: float) -> None:
@@ -43,6 +35,9 @@ async def test_one_after_the_other_and_only_two_on_the_air() -> None:
         assert len(in_flight) <= 1
 
     await world.run(meanwhile=look)
+    assert set(world.states().values()) == {PLACED}
+    assert world.executor.formed
+    assert max(world.errors_m().values()) < 1.0
     assert most == 2
     assert not world.on_air  # the relay leaves nobody transmitting
     order = [name for _, name, state, _ in world.history if state is PLACED]
@@ -75,15 +70,16 @@ async def test_a_receiver_already_in_its_slot_is_only_verified() -> None:
     record = world.executor.records["U1"]
     record.route = replace(record.route, start=record.route.target, legs=())
     world.vehicles["U1"].place = world.frame.to_site(record.route.target)
-    await world.run()
-    assert world.executor.formed
+    await world.run(until=world.on_its_way("U2"))
+    assert record.state is PLACED
     assert not world.vehicles["U1"].renewals
 
 
 async def test_legs_are_replanned_from_where_the_receiver_really_is() -> None:
     world = World(sigma_deg=0.05)
     world.vehicles["U1"].place += 6 - 4j  # it drifted while it waited
-    await world.run()
+    await world.run(until=world.on_its_way("U2"))
+    assert world.states()["U1"] is PLACED
     assert world.errors_m()["U1"] < 1.0
 
 
@@ -124,8 +120,9 @@ async def test_a_gap_is_survived() -> None:
     def gap(now_s: float) -> None:
         (world.silenced.add if world_gap[0] < now_s < world_gap[1] else world.silenced.discard)("U1")
 
-    await world.run(meanwhile=gap)
-    assert world.executor.formed
+    await world.run(meanwhile=gap, until=world.on_its_way("U2"))
+    assert world.states()["U1"] is PLACED
+    assert world.errors_m()["U1"] < 1.0
     reasons = [reason for _, name, _, reason in world.history if name == "U1"]
     assert any("zero velocity" in reason for reason in reasons)
 
@@ -143,34 +140,29 @@ async def test_a_transmitter_that_falls_silent_stops_the_receiver_and_is_named()
     assert "does not hear L0" in record.reason
 
 
-async def test_safety_s_objection_stops_and_holds() -> None:
+async def held_because(name: str, problem: str) -> str:
+    """Object to a vehicle while U1 flies, which stops at once and is held; return its reason."""
     world = World()
 
     def object_to(now_s: float) -> None:
         if now_s > 8.0:
-            world.objections["U1"] = "only 2.0 m from U5"
+            world.objections[name] = problem
 
     await world.run(meanwhile=object_to)
     record = world.executor.records["U1"]
     assert record.state is HELD
-    assert "only 2.0 m from U5" in record.reason
     assert world.vehicles["U1"].command == 0j
     assert max(world.vehicles["U1"].renewals) <= 100.0 + 8.0 + 2 * PERIOD_S
+    return record.reason
+
+
+async def test_safety_s_objection_stops_and_holds() -> None:
+    assert "only 2.0 m from U5" in await held_because("U1", "only 2.0 m from U5")
 
 
 async def test_a_transmitter_that_tells_of_being_off_its_place_stops_who_flies_by_it() -> None:
-    world = World()
-
-    def drift(now_s: float) -> None:
-        if now_s > 8.0:
-            world.objections["L0"] = "it is 4.0 m from its place"
-
-    await world.run(meanwhile=drift)
-    record = world.executor.records["U1"]
-    assert record.state is HELD
-    assert "its transmitter L0: it is 4.0 m from its place" in record.reason
-    assert world.vehicles["U1"].command == 0j
-    assert max(world.vehicles["U1"].renewals) <= 100.0 + 8.0 + 2 * PERIOD_S
+    reason = await held_because("L0", "it is 4.0 m from its place")
+    assert "its transmitter L0: it is 4.0 m from its place" in reason
 
 
 async def test_a_pilot_ends_it_for_everyone() -> None:
@@ -281,8 +273,9 @@ async def test_no_setpoint_outlives_its_lease() -> None:
         (world.silenced.add if int(now_s) % 7 == 3 else world.silenced.discard)("U1")
         seen.append((world.clock.now_s(), world.vehicles["U1"].command))
 
-    await world.run(meanwhile=watch)
+    await world.run(meanwhile=watch, until=world.on_its_way("U2"))
     renewals = world.vehicles["U1"].renewals
+    assert len(renewals) > 50
     for time_s, command in seen:
         last = max((at for at in renewals if at <= time_s), default=None)
         if last is None or time_s > last + LEASE_S + 2 * PERIOD_S:

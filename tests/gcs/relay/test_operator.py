@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -29,6 +30,13 @@ def flying(world: World) -> list[str]:
 def settled_within(world: World, tolerance_m: float = 1.5) -> None:
     assert world.executor.formed
     assert max(world.errors_m().values()) < tolerance_m
+
+
+def stood_within(world: World, name: str, tolerance_m: float = 1.5) -> None:
+    """One stands in its slot, and the relay has gone on from it."""
+    assert world.states()[name] is S.PLACED
+    assert world.errors_m()[name] < tolerance_m
+    assert world.executor.held is None
 
 
 async def test_a_pilot_takes_one_in_mid_leg_and_it_comes_back_to_its_slot() -> None:
@@ -84,27 +92,37 @@ async def test_a_pilot_takes_one_in_mid_leg_and_it_comes_back_to_its_slot() -> N
     assert taken.renewals[len(renewed_before)] > back_s + 5.0
 
 
-@pytest.mark.parametrize("state", [S.LOCATING, S.LEG_1, S.LEG_2, S.VERIFYING])
-async def test_held_in_any_state_and_resumed_the_relay_forms(state: ReceiverState) -> None:
+async def test_held_in_any_state_and_resumed_the_relay_forms() -> None:
     world = World(sigma_deg=0.1)  # unattended: who holds is there
+    states = {"U2": S.LOCATING, "U3": S.LEG_1, "U4": S.LEG_2, "U5": S.VERIFYING}
 
-    def hold() -> None:
-        assert "U2" in done(world, "hold")
-        assert world.states()["U2"] is S.HELD
-        assert world.vehicles["U2"].command == 0j
+    def hold(name: str) -> None:
+        assert name in done(world, "hold")
+        assert world.states()[name] is S.HELD
+        assert world.vehicles[name].command == 0j
         assert "already" in done(world, "hold")
 
-    def resume() -> None:
-        assert not any(world.vehicles["U2"].renewals[k] > world.clock.now_s() - 9.0 for k in (-1,))
-        assert "U2" in done(world, "resume")
+    def resume(name: str) -> None:
+        assert world.states()[name] is S.HELD
+        assert max(world.vehicles[name].renewals, default=0.0) < world.clock.now_s() - 9.0
+        assert name in done(world, "resume")
 
-    moving_s = 0.5 if state in (S.LEG_1, S.LEG_2) else 0.0
-    script = in_turn((reached(world, "U2", state, for_s=moving_s), hold), (after(world, 10.0), resume))
-    if state is S.LOCATING:
-        world.vehicles["U2"].renewals.append(0.0)
+    script = in_turn(
+        *(
+            step
+            for name, state in states.items()
+            for step in (
+                (reached(world, name, state, for_s=0.5 if state in (S.LEG_1, S.LEG_2) else 0.0), partial(hold, name)),
+                (after(world, 10.0), partial(resume, name)),
+            )
+        )
+    )
     await world.run(meanwhile=script)
     settled_within(world)
-    assert world.executor.records["U2"].legs or state is S.VERIFYING
+    for name, state in states.items():
+        changes = [change for _, at, change, _ in world.history if at == name]
+        assert changes[changes.index(S.HELD) - 1] is state
+        assert world.executor.records[name].legs or state is S.VERIFYING
 
 
 async def test_resumed_it_is_located_anew_and_never_flies_on_the_stale_leg() -> None:
@@ -119,8 +137,8 @@ async def test_resumed_it_is_located_anew_and_never_flies_on_the_stale_leg() -> 
     script = in_turn(
         (reached(world, "U1", S.LEG_1, for_s=3.0), lambda: done(world, "hold")), (after(world, 30.0), resume)
     )
-    await world.run(meanwhile=script)
-    settled_within(world, 1.0)
+    await world.run(meanwhile=script, until=world.on_its_way("U2"))
+    stood_within(world, "U1", 1.0)
     states = [state for _, name, state, _ in world.history if name == "U1"]
     assert states[states.index(S.HELD) + 1] is S.LOCATING
     first_s = world.vehicles["U1"].renewals[len(flown_before)]
@@ -142,8 +160,8 @@ async def test_resumed_in_the_middle_of_its_stop_it_is_located_only_when_it_hove
         (reached(world, "U1", S.LOCATING), lambda: None),
         (reached(world, "U1", S.LEG_1), located_well),
     )
-    await world.run(meanwhile=script)
-    settled_within(world, 1.0)
+    await world.run(meanwhile=script, until=world.on_its_way("U2"))
+    stood_within(world, "U1", 1.0)
 
 
 async def test_blown_far_from_where_it_was_held_it_flies_only_when_the_operator_insists() -> None:
@@ -163,8 +181,8 @@ async def test_blown_far_from_where_it_was_held_it_flies_only_when_the_operator_
         (reached(world, "U1", S.LOCATING), lambda: None),
         (reached(world, "U1", S.HELD, for_s=2.0), insist),
     )
-    await world.run(meanwhile=script)
-    settled_within(world)
+    await world.run(meanwhile=script, until=world.on_its_way("U2"))
+    stood_within(world, "U1")
 
 
 async def test_with_no_way_along_its_planned_guides_it_takes_another() -> None:
@@ -186,8 +204,8 @@ async def test_with_no_way_along_its_planned_guides_it_takes_another() -> None:
         (reached(world, "U2", S.LOCATING), lambda: None),
         (reached(world, "U2", S.HELD, for_s=2.0), insist),
     )
-    await world.run(meanwhile=script)
-    settled_within(world)
+    await world.run(meanwhile=script, until=world.on_its_way("U3"))
+    stood_within(world, "U2")
 
 
 async def test_put_back_into_its_slot_by_its_pilot_it_is_only_verified() -> None:
@@ -203,8 +221,8 @@ async def test_put_back_into_its_slot_by_its_pilot_it_is_only_verified() -> None
     script = in_turn(
         (reached(world, "U1", S.LEG_1, for_s=2.0), world.vehicles["U1"].take_over), (after(world, 10.0), parked)
     )
-    await world.run(meanwhile=script)
-    settled_within(world, 1.0)
+    await world.run(meanwhile=script, until=world.on_its_way("U2"))
+    stood_within(world, "U1", 1.0)
     assert not world.vehicles["U1"].renewals
 
 
@@ -235,8 +253,8 @@ async def test_put_beside_another_by_its_pilot_it_is_not_flown_at_all() -> None:
         (reached(world, "U1", S.PILOT, for_s=2.0), lambda: done(world, "release U1")),
         (lambda: True, lambda: done(world, "resume")),
     )
-    await world.run(meanwhile=script)
-    settled_within(world)
+    await world.run(meanwhile=script, until=world.on_its_way("U2"))
+    stood_within(world, "U1")
 
 
 async def test_a_silent_sensor_holds_the_relay_and_the_operator_resumes_it_repaired() -> None:
@@ -252,8 +270,8 @@ async def test_a_silent_sensor_holds_the_relay_and_the_operator_resumes_it_repai
         (reached(world, "U3", S.LEG_1, for_s=2.0), lambda: world.silenced.add("U3")),
         (reached(world, "U3", S.HELD, for_s=30.0), repaired),
     )
-    await world.run(meanwhile=script)
-    settled_within(world)
+    await world.run(meanwhile=script, until=world.on_its_way("U4"))
+    stood_within(world, "U3")
 
 
 async def test_an_unattended_relay_ends_when_it_is_held() -> None:
@@ -301,13 +319,13 @@ async def test_a_placed_one_nobody_needs_any_more_is_left_to_its_pilot_and_the_o
     assert not any(state is S.HELD for _, _, state, _ in world.history)
 
 
-@pytest.mark.parametrize("moment", [S.LOCATING, S.LEG_1, S.LEG_2, S.VERIFYING])
-async def test_a_transmitter_from_the_start_that_leaves_guided_flight_is_not_trusted(moment: ReceiverState) -> None:
-    world = World(sigma_deg=0.1, attended=True)
+async def test_a_transmitter_from_the_start_that_leaves_guided_flight_is_not_trusted() -> None:
+    world = World(sigma_deg=0.1, attended=True)  # the paper's chain: L0 guides everybody
+    moments = {"U1": S.LOCATING, "U2": S.LEG_1, "U3": S.LEG_2, "U4": S.VERIFYING}
 
-    def held() -> None:
-        assert world.states()["U1"] is S.HELD
-        assert "L0 was taken over" in world.executor.records["U1"].reason
+    def held(name: str) -> None:
+        assert world.states()[name] is S.HELD
+        assert "L0 was taken over" in world.executor.records[name].reason
         assert not world.on_air
         assert "release L0" in refused(world, "resume")
 
@@ -320,12 +338,19 @@ async def test_a_transmitter_from_the_start_that_leaves_guided_flight_is_not_tru
         done(world, "resume")
 
     script = in_turn(
-        (reached(world, "U1", moment), world.vehicles["L0"].take_over),
-        (after(world, 0.2), held),
-        (after(world, 10.0), give_back),
+        *(
+            step
+            for name, moment in moments.items()
+            for step in (
+                (reached(world, name, moment), world.vehicles["L0"].take_over),
+                (after(world, 0.2), partial(held, name)),
+                (after(world, 10.0), give_back),
+            )
+        )
     )
     await world.run(meanwhile=script)
     settled_within(world)
+    assert {name for _, name, state, _ in world.history if state is S.HELD} == moments.keys()
 
 
 async def test_without_a_transmitter_given_up_the_others_find_another_way() -> None:

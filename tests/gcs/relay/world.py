@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -81,8 +82,16 @@ class World(RelayWorld):
         altitude_m, weather = self.playbook.flight.altitude_m, weather_of(self.playbook)
         return FakeVehicle(home, altitude_m, self.limits, self.clock, weather, 0)
 
-    async def run(self, limit_s: float = 600.0, meanwhile: Callable[[float], None] = lambda _: None) -> None:
-        """Run the relay to its end; `meanwhile` is called with the time since the start before each step."""
+    async def run(
+        self,
+        limit_s: float = 600.0,
+        meanwhile: Callable[[float], None] = lambda _: None,
+        until: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Run the relay to its end, or `until` enough of it was seen.
+
+        `meanwhile` is called with the time since the start before each step.
+        """
         relay = asyncio.create_task(self.executor.run())
         started_s = self.clock.now_s()
         while not relay.done():
@@ -91,7 +100,16 @@ class World(RelayWorld):
             self._measure()
             await self.clock.advance(PERIOD_S)
             self.places()
-        await relay
+            if until():
+                relay.cancel()
+                with contextlib.suppress(asyncio.CancelledError):
+                    await relay
+        if not relay.cancelled():
+            await relay
+
+    def on_its_way(self, name: str) -> Callable[[], bool]:
+        """Return the condition that a receiver has been located and flies: all before it in the chain stand."""
+        return lambda: self.executor.records[name].state is ReceiverState.LEG_1
 
     def states(self) -> dict[str, ReceiverState]:
         return {name: record.state for name, record in self.executor.records.items()}

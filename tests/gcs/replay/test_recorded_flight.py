@@ -26,7 +26,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fly one receiver and return the folder of its run."""
     folder = tmp_path_factory.mktemp("flight")
     (folder / "small.yaml").write_text(small_text("sensor: {sigma_deg: 0.3}\n"), encoding="utf-8")
-    command = ["fly", str(folder / "small.yaml"), "--speedup", "8", "--runs-dir", str(folder / "runs")]
+    command = ["fly", str(folder / "small.yaml"), "--speedup", "5", "--runs-dir", str(folder / "runs")]
     flown = subprocess.run(
         [sys.executable, "-m", "gcs.cli", *command], capture_output=True, text=True, timeout=120, check=False, cwd=ROOT
     )

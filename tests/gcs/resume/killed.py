@@ -12,9 +12,9 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.mavlink.setpoints import StreamState
 from gcs.playbook.loader import load_playbook
+from gcs.playbook.schema import Playbook
 from gcs.recording.journal import change_line, relay_line
 from gcs.recording.journal_reading import entries_of
-from gcs.relay.executor import RelayExecutor
 from gcs.relay.records import ReceiverRecord
 from gcs.resume.beginning import go_on, silence
 from gcs.resume.state import restored, run_state
@@ -22,10 +22,27 @@ from gcs.simulate.bus import LocalBus
 from gcs.simulate.vehicle import SimulatedVehicle
 from gcs.simulate.virtual_time import VirtualClock
 from gcs.simulate.world import RelayWorld
+from planner.plan import RelayPlan
 
-PLAYBOOK = load_playbook(Path("sitl_configs/paper_8.yaml"))
-PLAN = PLAYBOOK.plan()
 LONGEST_S = 1500.0
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What is flown."""
+
+    playbook: Playbook
+    plan: RelayPlan
+
+
+def planned(name: str) -> Planned:
+    playbook = load_playbook(Path("sitl_configs") / f"{name}.yaml")
+    return Planned(playbook, playbook.plan())
+
+
+CHAIN = planned("paper_8")
+"""The paper's eight, one after another, each guided by the one before."""
+PLAYBOOK, PLAN = CHAIN.playbook, CHAIN.plan
 
 
 @dataclass(frozen=True)
@@ -87,34 +104,27 @@ class ServedWorld(RelayWorld):
     """A world flown by one service. `found` is what a killed one before it left, and `journal` what can be read."""
 
     def __init__(
-        self, found: Left | None = None, journal: Sequence[bytes] = (), later_s: float = 0.0, *, attended: bool = False
+        self,
+        found: Left | None = None,
+        journal: Sequence[bytes] = (),
+        later_s: float = 0.0,
+        *,
+        planned: Planned = CHAIN,
+        attended: bool = False,
     ) -> None:
         clock = LaterClock(0.0 if found is None else found.time_s + later_s)
         self._found, self._clock_before = found, clock
         self._waits: list[tuple[int, float]] = []
         self._left: list[Left] = []
-        super().__init__(PLAYBOOK, PLAN, clock, LocalBus(), seed=7)
+        super().__init__(planned.playbook, planned.plan, clock, LocalBus(), seed=7, attended=attended)
         self.read = entries_of(journal)
-        self.restored = restored(PLAN, run_state(self.read.entries))
+        self.restored = restored(planned.plan, run_state(self.read.entries))
         self.lines = [Line(-1.0, text) for text in journal]
         self.counted = {name: CountedLease(vehicle) for name, vehicle in self.vehicles.items()}
         for name in self.restored.withheld:
             self.vehicles[name].state = StreamState.PILOT
-        self.executor = RelayExecutor(
-            self.restored.records,
-            {name: transmitter.at for name, transmitter in PLAYBOOK.transmitters.items()},
-            leases=self.counted,
-            feed=self.feed,
-            emission=self.emission,
-            frame=self.frame,
-            clock=clock,
-            settings=self.settings,
-            objection=self.objection,
-            announce=self.announced,
-            say=self._say,
-            problem=PLAYBOOK.problem(),
-            attended=attended,
-            unverified=self.restored.unverified,
+        self.executor = self.executor_of(
+            self.restored.records, leases=self.counted, say=self._say, unverified=self.restored.unverified
         )
         self.score.records = self.executor.records
         if found is not None:

@@ -77,6 +77,29 @@ def test_without_a_renewal_it_stops_when_the_lease_ends_however_late_one_looks()
     assert abs(late.velocity) < 0.02
 
 
+def test_who_stands_still_takes_no_steps_and_flies_on_from_there_as_one_who_took_them_all() -> None:
+    clock = ManualClock()
+    watched, unseen = a_vehicle(clock), a_vehicle(clock)
+    for vehicle in (watched, unseen):
+        vehicle.renew(4 + 1j)
+    for _ in range(600):
+        clock.jump(0.1)
+        watched.advance()
+    unseen.advance()
+    assert unseen._flight.time_s - watched._flight.time_s > 30.0
+    assert watched.place == pytest.approx(unseen.place, abs=1e-3)
+    for velocity in (-3 + 1j, 2j, 0j):
+        for _ in range(20):
+            for vehicle in (watched, unseen):
+                vehicle.renew(velocity)
+            clock.jump(0.1)
+    for vehicle in (watched, unseen):
+        vehicle.advance()
+    assert abs(watched.place - (100 + 50j)) > 3.0
+    assert watched.place == pytest.approx(unseen.place, abs=0.01)
+    assert watched.velocity == pytest.approx(unseen.velocity, abs=0.01)
+
+
 def test_it_is_silent_some_time_after_it_was_stopped() -> None:
     clock = ManualClock()
     vehicle = a_vehicle(clock)

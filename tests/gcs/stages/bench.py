@@ -13,6 +13,7 @@ from drivers.bus.messages import ControlReply, ControlRequest, decode, encode
 from drivers.clock import Clock
 from drivers.errors import VehicleError
 from drivers.mavlink.setpoints import StreamState
+from drivers.simulation.impairment import Impairment
 from drivers.tasks import open_background
 from gcs.bearings import BearingFeed
 from gcs.clock_offsets import ClockOffsets
@@ -54,7 +55,9 @@ class FakeVehicle:
 
     @property
     def telemetry(self) -> SimpleNamespace:
-        return SimpleNamespace(heartbeat=SimpleNamespace(custom_mode=self.mode, armed=self.armed, time_s=0.0))
+        return SimpleNamespace(
+            heartbeat=SimpleNamespace(custom_mode=self.mode, armed=self.armed, time_s=0.0), battery=None
+        )
 
     def enter(self, mode: int) -> None:
         """Be in a mode, and tell."""
@@ -197,6 +200,6 @@ class Bench:
     def said(self) -> str:
         return " ".join(text for _, text in self.run.status.messages)
 
-    def _strike(self, fault: str, vehicle: str | None) -> Callable[[], None]:
+    def _strike(self, fault: str, vehicle: str | None, _impairment: Impairment) -> Callable[[], None]:
         self.struck.append(f"{fault} {vehicle} at {self.clock.now_s() - 100.0:.1f}")
         return lambda: self.struck.append(f"over at {self.clock.now_s() - 100.0:.1f}")

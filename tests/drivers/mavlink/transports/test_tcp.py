@@ -12,7 +12,7 @@ import pytest
 from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.transports import open_transport
 from drivers.mavlink.transports.tcp import BACKLOG_S, SILENT_S, STALLED_S
-from tests.drivers.mavlink.transports.hurrying import logged_by, run_hurrying, until
+from tests.drivers.mavlink.transports.hurrying import logged_by, run_hurrying, until, waited_s
 
 LOOPBACK = "127.0.0.1"
 PATIENCE_S = 5.0
@@ -213,10 +213,9 @@ def test_a_connection_that_stalls_is_backlogged_then_dropped_with_what_waits_in_
         loop = asyncio.get_running_loop()
         async with unread_peer(ears) as (transport, peer, listener):
             assert not transport.backlogged
-            sent = 0
+            sent, stalled_s, backlogged_s = 0, loop.time(), None
             while transport.send(bytes(1000)):
                 sent += 1000
-            stalled_s, backlogged_s = loop.time(), None
             while transport.connected:
                 if transport.backlogged and backlogged_s is None:
                     backlogged_s = loop.time()
@@ -255,19 +254,20 @@ def test_a_connection_that_is_only_slow_is_neither_backlogged_nor_dropped(ears, 
 
 
 async def test_a_host_nobody_knows_holds_nothing_up(ears):
-    loop, turns = asyncio.get_running_loop(), 0
+    loop = asyncio.get_running_loop()
     async with open_transport(LinkAddress("tcp", "no-such-host.invalid", 5760), ears) as transport:
-        end_s = loop.time() + 0.2
-        while loop.time() < end_s:
+        began_s = loop.time()
+        for _ in range(20):
             assert not transport.send(b"lost")
             await asyncio.sleep(0.005)
-            turns += 1
-    assert turns > 10
+    assert loop.time() - began_s < 2.0
 
 
-async def test_a_link_that_never_connected_ends_at_once_with_its_block(deaf, ears):
-    started_s = asyncio.get_running_loop().time()
-    async with open_transport(at(port_of(deaf)), ears) as transport:
-        transport.send(b"lost")
-        await asyncio.sleep(0)
-    assert asyncio.get_running_loop().time() - started_s < 0.4
+def test_a_link_that_never_connected_ends_at_once_with_its_block(deaf, ears):
+    async def scenario():
+        async with open_transport(at(port_of(deaf)), ears) as transport:
+            transport.send(b"lost")
+            await asyncio.sleep(0)
+        assert waited_s() < 0.4
+
+    run_hurrying(scenario())
