@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import operator
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -38,18 +39,23 @@ class Observation:
 
 
 class Observations:
-    """The observations of one receiver as they come; a slow reader loses the oldest."""
+    """The observations of one receiver as they come; a slow reader loses the oldest.
 
-    def __init__(self, clock: Clock) -> None:
+    None is handed on that is older than `max_age_s` by then, however it was held up; each one lost so is `too_old`.
+    """
+
+    def __init__(self, clock: Clock, max_age_s: float = math.inf, too_old: Callable[[], None] = lambda: None) -> None:
         self._clock = clock
+        self._max_age_s = max_age_s
+        self._too_old = too_old
         self._waiting: deque[Observation] = deque(maxlen=64)
-        self._arrival: asyncio.Future[None] | None = None
+        self._arrival: asyncio.Future[bool] | None = None
 
     def push(self, observation: Observation) -> None:
         """Add one."""
         self._waiting.append(observation)
         if self._arrival is not None and not self._arrival.done():
-            self._arrival.set_result(None)
+            self._arrival.set_result(True)
 
     def forget(self) -> None:
         """Drop what waits: only what is captured from now on counts."""
@@ -57,14 +63,30 @@ class Observations:
 
     async def next(self, timeout_s: float) -> Observation | None:
         """Return the next observation, or None when none came within `timeout_s`."""
-        if not self._waiting:
-            self._arrival = asyncio.get_running_loop().create_future()
-            timer = asyncio.ensure_future(self._clock.sleep(timeout_s))
-            try:
-                await asyncio.wait((self._arrival, timer), return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                timer.cancel()
-        return self._waiting.popleft() if self._waiting else None
+        until_s = self._clock.now_s() + timeout_s
+        while not self._something_new():
+            left_s = until_s - self._clock.now_s()
+            if left_s <= 0.0 or not (await self._arrives(left_s) or self._something_new()):
+                return None
+        return self._waiting.popleft()
+
+    def _something_new(self) -> bool:
+        """Return whether an observation waits, once those that have become too old are dropped."""
+        oldest_s = self._clock.now_s() - self._max_age_s
+        while self._waiting and self._waiting[0].captured_s < oldest_s:
+            self._waiting.popleft()
+            self._too_old()
+        return bool(self._waiting)
+
+    async def _arrives(self, within_s: float) -> bool:
+        arrival: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        self._arrival = arrival
+        timer = asyncio.ensure_future(self._clock.sleep(within_s))
+        timer.add_done_callback(lambda _: None if arrival.done() else arrival.set_result(False))
+        try:
+            return await arrival
+        finally:
+            timer.cancel()
 
 
 class BearingFeed:
@@ -84,6 +106,7 @@ class BearingFeed:
         reference: Reference = "true_north",
     ) -> None:
         self.latest: dict[str, Observation] = {}
+        self._max_age_s = max_age_s
         self._checks = {name: ReportChecks(max_age_s) for name in receivers}
         self._readers: dict[str, list[Observations]] = {name: [] for name in receivers}
         self._strangers = 0
@@ -112,7 +135,8 @@ class BearingFeed:
     @contextlib.contextmanager
     def listen(self, receiver: str) -> Iterator[Observations]:
         """Hand the observations of one receiver to the block, from now on."""
-        observations = Observations(self._clock)
+        counters = self._checks[receiver].counters
+        observations = Observations(self._clock, self._max_age_s, lambda: counters.count("stale"))
         self._readers[receiver].append(observations)
         try:
             yield observations
@@ -156,20 +180,3 @@ class BearingFeed:
         self.latest[receiver] = observation
         for reader in self._readers[receiver]:
             reader.push(observation)
-
-
-async def collect(observations: Observations, count: int, needed: Collection[str], gap_s: float) -> list[Observation]:
-    """Return the next `count` observations that hold every needed transmitter; fewer when bearings are missing.
-
-    Gives up when no report comes for `gap_s`, or when most reports lack a transmitter.
-    """
-    collected: list[Observation] = []
-    for _ in range(4 * count):
-        observation = await observations.next(gap_s)
-        if observation is None:
-            break
-        if all(name in observation.directions_rad for name in needed):
-            collected.append(observation)
-        if len(collected) == count:
-            break
-    return collected

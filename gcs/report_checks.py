@@ -9,7 +9,7 @@ from typing import Final, Literal
 from drivers.bus.messages import LEAST_SIGMA_RAD, BearingReport
 from gcs.clock_offsets import CaptureTime
 
-STUCK_AFTER: Final = 5
+STUCK_AFTER: Final = 3
 """So many reports with the same azimuths to the last bit, from a sensor that has noise, are no measurements."""
 
 _AHEAD_S: Final = 0.02

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
+
+from gcs.fence import outside_m
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,16 @@ class SafetyLimits:
     min_separation_m: float = 5.0
     separation_share: float = 0.8
     """Share of the planned separation below which a vehicle stops: the plan keeps the whole."""
+    empty_battery_percent: int = 15
+    """With no more left a vehicle is not flown on: it has to be landed."""
+    over_the_fence_m: float = 3.0
+    """How far outside the fence a vehicle may be by its own position: the plan keeps within."""
     standing_m: float = 3.0
     """How far a transmitter from the start may tell to be from its place and still count as standing there."""
+
+
+def _unknown(name: str) -> None:
+    """Tell nothing of a vehicle's battery."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +71,10 @@ class Safety:
     positions: PositionBoard
     places: Mapping[str, complex] = field(default_factory=dict)
     """Where the transmitters from the start should stand, site frame, m."""
+    battery_percent: Callable[[str], int | None] = _unknown
+    """What a vehicle tells to have left; None: it does not know."""
+    fence: Sequence[complex] = ()
+    """Corners, site frame, m; none: there is no fence."""
 
     def objection(self, name: str) -> str | None:
         """Return why this vehicle must not move now, or None."""
@@ -72,7 +86,18 @@ class Safety:
         nearest = self.positions.smallest_separation_m(name)
         if nearest is not None and nearest[0] < self.limits.separation_share * self.limits.min_separation_m:
             return f"only {nearest[0]:.1f} m from {nearest[1]}"
-        return self._astray(name)
+        percent = self.battery_percent(name)
+        if percent is not None and percent <= self.limits.empty_battery_percent:
+            return f"its battery is down to {percent} %: land it"
+        return self._over_the_fence(name) or self._astray(name)
+
+    def _over_the_fence(self, name: str) -> str | None:
+        """Return how far a vehicle is outside the fence, when that is too far."""
+        told = self.positions.latest.get(name)
+        over_m = 0.0 if told is None else outside_m(told.north_east, self.fence)
+        if over_m <= self.limits.over_the_fence_m:
+            return None
+        return f"it is {over_m:.1f} m outside the fence: have its pilot bring it back"
 
     def _astray(self, name: str) -> str | None:
         """Return how far a transmitter from the start is from its place, when that is too far."""

@@ -8,6 +8,7 @@ on one sample, and neither before the end nor beyond it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -15,8 +16,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.relay.leg_filter import LegFilter, Nose, Unrest, Whereabouts
+from gcs.relay.following import Following
+from gcs.relay.leg_filter import LegFilter, Whereabouts
 from gcs.relay.response import Agility
+from gcs.relay.unrest import Nose, Unrest
+from gcs.relay.wary_filter import WaryFilter
 from planner.plan import Leg
 
 _OF_SIGMA: Final = 0.25
@@ -82,31 +86,41 @@ class StopMonitor:
     stuck: bool = False
     """Whether the last report was the one before once more, from a receiver under way."""
     _last: dict[str, float] = field(default_factory=dict, init=False)
+    _told_mps: float = field(default=0.0, init=False)
     _within_since_s: float | None = field(default=None, init=False)
+    _following: Following = field(default_factory=Following, init=False)
 
     def __post_init__(self) -> None:
         towards_guide = self.transmitters[self.leg.guide] - self.leg.end
         self.course = towards_guide / abs(towards_guide) * (1.0 if self.leg.direction == "towards" else -1.0)
         self._near_since_s = self.time_s
-        self._filter = LegFilter(
-            self.leg.end,
-            self.course,
-            self.transmitters,
-            self.place_sigma_m,
-            self.start,
-            self.start_covariance,
-            self.time_s,
-            self.agility,
-            self.unrest,
-            None if self.heading_referenced else Nose(),
+        self._filter = WaryFilter(
+            LegFilter(
+                self.leg.end,
+                self.course,
+                self.transmitters,
+                self.place_sigma_m,
+                self.start,
+                self.start_covariance,
+                self.time_s,
+                self.agility,
+                self.unrest,
+                None if self.heading_referenced else Nose(),
+            )
         )
 
     def begin(self, now_s: float) -> None:
-        """Begin to fly to the leg's end now, perhaps not for the first time: arriving takes its time anew."""
+        """Begin to fly to the leg's end now, perhaps not for the first time: arriving takes its time anew.
+
+        Whoever begins once more was stopped on the way, and may not have heard of it at once.
+        """
         self._within_since_s, self._near_since_s = None, now_s
+        self._following.begin()
+        self._filter.begin(now_s)
 
     def commanded(self, time_s: float, velocity: complex) -> None:
         """Note the velocity commanded from `time_s` on, m/s: along the leg, and to its left."""
+        self._told_mps = abs(velocity)
         self._filter.commanded(time_s, velocity)
 
     def observe(
@@ -118,13 +132,28 @@ class StopMonitor:
         of the one before is no news, whatever its time says: the sensor is stuck.
         """
         known = {name: direction for name, direction in directions_rad.items() if name in self.transmitters}
-        self.stuck = len(known) > 1 and known == self._last and self._filter.speed_mps > _UNDER_WAY_MPS
+        under_way = max(self._told_mps, self._filter.speed_mps) > _UNDER_WAY_MPS
+        self.stuck = len(known) > 1 and known == self._last and under_way
         self._last = known
         if self.stuck:
             return frozenset()
         agreeing = self._filter.observe(captured_s, known, sigma_rad)
         self.outliers += len(known) - len(agreeing)
+        if len(agreeing) > 1:
+            place, covariance = self._filter.place()
+            sigma_m = math.sqrt(float(np.trace(covariance)))
+            self._following.note(captured_s, self._filter.commanded_place(), place, sigma_m)
         return agreeing
+
+    @property
+    def disbelieved(self) -> bool:
+        """Whether directions have come to agree on a place where the receiver cannot have come to."""
+        return self._filter.disbelieved
+
+    @property
+    def unfollowed(self) -> bool:
+        """Whether the receiver, by its bearings, has lately not flown what was commanded."""
+        return self._following.lost
 
     @property
     def dwelling(self) -> bool:

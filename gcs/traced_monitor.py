@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
-from gcs.relay.leg_filter import Unrest, Whereabouts
+from gcs.relay.leg_filter import Whereabouts
 from gcs.relay.response import Agility
+from gcs.relay.unrest import Unrest
 from gcs.stop_monitor import ArrivalRule, StopMonitor
 from planner.plan import Direction, Leg
 

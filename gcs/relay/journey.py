@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from gcs.bearings import Observations
+from gcs.bearings import Observation, Observations
 from gcs.errors import HoldRequiredError
 from gcs.relay.emission import EmissionControl
-from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
+from gcs.relay.leg_flight import DISBELIEVED, Announce, LegFlight, SetpointLease
 from gcs.relay.locating import hear, locate, too_few, transmitters_to_hear
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.rerouting import reroute
@@ -140,13 +140,10 @@ class Journey:
         if len(names) < 2:
             raise NoWayError(f"it takes two transmitters to be located, and there is {', '.join(names) or 'none'} left")
         self.around.emission.need(self.record.name, names)
-        self.observations.forget()
-        heard = await hear(self.observations, names, samples, self.around.settings.give_up_s)
+        heard = await self._heard(names, samples)
         if monitor is not None:
             for observation in heard:
                 monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
-        if (objection := self.objection()) is not None:
-            raise HoldRequiredError(objection)
         if few := too_few(heard, names, samples):
             raise HoldRequiredError(
                 f"only {min(few.values())} of {samples} reports with bearings of {', '.join(few)}: "
@@ -157,6 +154,22 @@ class Journey:
             return locate(heard, places, standing.sigma_m, prior, covariance, heading_referenced=from_north)
         except PlannerError as error:
             raise HoldRequiredError(f"it could not be located: {error}") from error
+
+    async def _heard(self, names: Collection[str], samples: int) -> list[Observation]:
+        """Return what is heard while nothing forbids it to move; heard anew when something did.
+
+        HoldRequiredError when that lasts for as long as a leg would wait.
+        """
+        clock, patience_s = self.around.clock, self.around.settings.give_up_s
+        since_s: float | None = None
+        while True:
+            self.observations.forget()
+            heard = await hear(self.observations, names, samples, patience_s)
+            if (objection := self.objection()) is None:
+                return heard
+            since_s = clock.now_s() if since_s is None else since_s
+            if clock.now_s() - since_s >= patience_s:
+                raise HoldRequiredError(objection)
 
     def _route_from(self, located: complex) -> Route:
         """Return the planned route from where it was located, without legs for one that is back in its slot.
@@ -264,6 +277,8 @@ class Journey:
                 raise HoldRequiredError(
                     f"{known_as} {abs(at - route.target):.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)"
                 )
+        if monitor is not None and monitor.disbelieved:
+            raise HoldRequiredError(DISBELIEVED)
         if worst_sigma_m(covariance) > tolerance_m:
             raise HoldRequiredError(
                 f"it is not known to {tolerance_m:g} m whether it stands in {route.slot}: it hears too few transmitters"

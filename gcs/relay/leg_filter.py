@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.relay.response import Agility, Response
+from gcs.relay.unrest import Nose, Unrest
 from planner.angles import wrap
 
 Reals = NDArray[np.float64]
@@ -31,11 +32,8 @@ _NEAREST_M: Final = 0.5
 _INITIAL_SPEED_SIGMA_MPS: Final = 0.3
 _DOUBT_M: Final = 0.1
 _DOUBT_MPS: Final = 0.5
-"""What a report adds to the covariance in which fewer than two directions agree: those that keep agreeing win."""
-_BY_CHANCE: Final = 1
-"""So many such reports in a row mean nothing..."""
 _TURNED: Final = 4
-"""...and so many that the nose has turned."""
+"""So many reports in a row in which fewer than two directions agree mean that the nose has turned."""
 _ADAPTED_PER_BEARING: Final = 0.02
 _ROUGHEST: Final = 200.0
 _ANYWHERE_RAD: Final = 1.0
@@ -47,34 +45,6 @@ _OWN: Final = 10
 _ITS: Final = 4
 _SEEN: Final = np.hstack([np.eye(2), np.zeros((2, 2)), np.eye(2)])
 """Where the receiver is, from (held, speed, sway)."""
-
-
-@dataclass(frozen=True)
-class Unrest:
-    """How vehicles move besides their response to commands: in calm air; rougher air is noticed."""
-
-    speed_s: float = 0.5
-    speed_noise: float = 0.3
-    """For how long and how far the speed strays, per m/s that it is from the command, m/s per square root of a second:
-    the farther, the less the response is known..."""
-    sway_s: float = 2.0
-    sway_m: float = 0.05
-    sway_noise: float = 0.1
-    """...how long and how far one sways, and how far besides, per m/s2, m per square root of a second..."""
-    drift_s: float = 20.0
-    drift_mps: float = 0.03
-    """...and how long and how fast one drifts."""
-
-
-@dataclass(frozen=True)
-class Nose:
-    """How the nose of a vehicle moves that holds its heading: it yaws about where it points, and that wanders."""
-
-    yaw_rad: float = math.radians(0.2)
-    """In calm air; rougher air is noticed."""
-    yaw_s: float = 1.0
-    wander_rad: float = math.radians(0.02)
-    """Per square root of a second."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +106,11 @@ class LegFilter:
         self._time_s = time_s
         self._roughness = 1.0
         """By how much the variance of every sway exceeds that of calm air."""
-        self._disagreed = 0
+        self._within_sigmas = OUTLIER_SIGMAS
+        self.disagreed = 0
+        """In how many reports in a row fewer than two directions have agreed."""
+        self.searched = False
+        """Whether the last report had to tell where the nose points."""
         self._state = np.zeros(_OWN)
         sigmas = [0.0, _INITIAL_SPEED_SIGMA_MPS, unrest.sway_m, unrest.drift_mps]
         variances = [sigma**2 for sigma in (*np.repeat(sigmas, 2), 0.0, 0.0)]
@@ -149,31 +123,38 @@ class LegFilter:
         self._response.commanded(time_s, velocity)
 
     def observe(
-        self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]
+        self,
+        captured_s: float,
+        directions_rad: Mapping[str, float],
+        sigma_rad: Mapping[str, float],
+        within_sigmas: float = OUTLIER_SIGMAS,
     ) -> frozenset[str]:
         """Take in the directions of one instant, polar, and return the transmitters whose directions agree.
 
-        All of them must be known. Where they keep disagreeing the filter becomes less sure of itself.
+        All of them must be known. Those agree that are `within_sigmas` standard deviations of what is expected.
         """
+        self._within_sigmas = within_sigmas
         if captured_s > self._time_s:
             self._carry_on(captured_s)
         for name in directions_rad:
             if name not in self._index:
                 self._add(name)
-        searched = not self._north_known
+        searched = self.searched = not self._north_known
         if searched and len(directions_rad) < 2:
             return frozenset()
         ordered = self._find_north(directions_rad, sigma_rad) if searched else list(directions_rad)
         plausible = [name for name in ordered if self._agrees(name, directions_rad, sigma_rad)]
         agreeing = frozenset(name for name in plausible if self._take(name, directions_rad, sigma_rad))
         enough = len(agreeing) > 1 or (not searched and len(agreeing) == len(directions_rad))
-        self._disagreed = 0 if enough else self._disagreed + 1
-        if self._disagreed > _BY_CHANCE:
-            self._covariance[_HELD, _HELD] += np.eye(2) * _DOUBT_M**2
-            self._covariance[_SPEED, _SPEED] += np.eye(2) * _DOUBT_MPS**2
+        self.disagreed = 0 if enough else self.disagreed + 1
         if self._nose is not None:
-            self._north_known = enough or (not searched and self._disagreed < _TURNED)
+            self._north_known = enough or (not searched and self.disagreed < _TURNED)
         return agreeing
+
+    def widen(self) -> None:
+        """Become less sure of where the receiver is and how fast, by what a report may have missed."""
+        self._covariance[_HELD, _HELD] += np.eye(2) * _DOUBT_M**2
+        self._covariance[_SPEED, _SPEED] += np.eye(2) * _DOUBT_MPS**2
 
     @property
     def speed_mps(self) -> float:
@@ -184,7 +165,7 @@ class LegFilter:
         """Return where the receiver is by `now_s`: from the last report on as commanded."""
         now_s = max(now_s, self._time_s)
         response, step_s = self._response.later(now_s), now_s - self._time_s
-        carried = _transition(self._unrest, step_s)
+        carried = self._unrest.transition(step_s)
         state = carried @ self._state[:_NORTH]
         held, speed, sway, drift = (complex(*state[part]) for part in (_HELD, _SPEED, _SWAY, _DRIFT))
         return Whereabouts(
@@ -206,6 +187,10 @@ class LegFilter:
         """Return where it will stand once it has come to rest, formation frame, m, and the covariance, m^2."""
         at_rest = self.whereabouts(self._time_s).at_rest
         return self._end + self._course * at_rest, self._axes @ self._covariance[_HELD, _HELD] @ self._axes.T
+
+    def commanded_place(self) -> complex:
+        """Return where commands alone should have brought it by the last report, formation frame, m."""
+        return self._end + self._course * (self._response.place + self._response.overshoot)
 
     def _add(self, name: str) -> None:
         """Let the state hold a transmitter that is heard for the first time: where it stands, and its sway."""
@@ -241,12 +226,12 @@ class LegFilter:
         return self._response.place + self._response.overshoot + complex(*(self._state[_HELD] + self._state[_SWAY]))
 
     def _agrees(self, name: str, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]) -> bool:
-        return self._sight(name, directions_rad[name], sigma_rad[name]).sigmas <= OUTLIER_SIGMAS
+        return self._sight(name, directions_rad[name], sigma_rad[name]).sigmas <= self._within_sigmas
 
     def _take(self, name: str, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]) -> bool:
         """Correct the state by one direction; False when it does not agree with those taken before."""
         sight = self._sight(name, directions_rad[name], sigma_rad[name])
-        if sight.sigmas > OUTLIER_SIGMAS:
+        if sight.sigmas > self._within_sigmas:
             return False
         gain = sight.crossed / sight.variance
         self._state = self._state + gain * sight.surplus_rad
@@ -278,39 +263,20 @@ class LegFilter:
         unanswered_mps = max(unanswered_mps, self._response.unanswered_mps)
         acceleration_mps2 = abs(self._response.velocity - before) / step_s
         transition = np.eye(self._state.size)
-        transition[:_NORTH, :_NORTH] = _transition(unrest, step_s)
+        transition[:_NORTH, :_NORTH] = unrest.transition(step_s)
         for first in self._index.values():
             transition[[first + 2, first + 3], [first + 2, first + 3]] = math.exp(-step_s / unrest.sway_s)
         if self._nose is not None:
             transition[_YAW, _YAW] = math.exp(-step_s / self._nose.yaw_s)
         self._state = transition @ self._state
-        sway = self._roughness * unrest.sway_m**2 * -math.expm1(-2.0 * step_s / unrest.sway_s)
-        added = [
-            0.0,
-            (unrest.speed_noise * unanswered_mps) ** 2 * step_s,
-            sway + (unrest.sway_noise * acceleration_mps2) ** 2 * step_s,
-            unrest.drift_mps**2 * -math.expm1(-2.0 * step_s / unrest.drift_s),
-        ]
         self._covariance = transition @ self._covariance @ transition.T
-        self._covariance[np.arange(_NORTH), np.arange(_NORTH)] += np.repeat(added, 2)
+        added = unrest.added(step_s, self._roughness, unanswered_mps, acceleration_mps2)
+        self._covariance[np.arange(_NORTH), np.arange(_NORTH)] += added
+        sway = unrest.swayed_m2(step_s, self._roughness)
         for first in self._index.values():
             swayed = [first + 2, first + 3]
             self._covariance[swayed, swayed] += sway
         if self._nose is not None:
-            yaw = self._roughness * self._nose.yaw_rad**2 * -math.expm1(-2.0 * step_s / self._nose.yaw_s)
+            yaw = self._nose.yawed_rad2(step_s, self._roughness)
             self._covariance[[_NORTH, _YAW], [_NORTH, _YAW]] += self._nose.wander_rad**2 * step_s, yaw
         self._time_s = to_s
-
-
-def _transition(unrest: Unrest, step_s: float) -> Reals:
-    """Return how (held, speed, sway, drift) carry on by themselves, shape (8, 8)."""
-    kept = math.exp(-step_s / unrest.speed_s)
-    carried = np.eye(_NORTH)
-    for axis in (0, 1):
-        held, speed, sway, drift = range(axis, _NORTH, 2)
-        carried[held, speed] = unrest.speed_s * (1.0 - kept)
-        carried[held, drift] = step_s
-        carried[speed, speed] = kept
-        carried[sway, sway] = math.exp(-step_s / unrest.sway_s)
-        carried[drift, drift] = math.exp(-step_s / unrest.drift_s)
-    return carried

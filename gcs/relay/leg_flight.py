@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Final, Protocol, runtime_checkable
 
 from drivers.clock import Clock
 from drivers.mavlink.setpoints import StreamState
@@ -21,6 +21,8 @@ from planner.plan import Leg
 
 Announce = Callable[[ReceiverRecord], None]
 
+DISBELIEVED: Final = "its bearings agree on a place that it cannot have flown to"
+
 
 class SetpointLease(Protocol):
     """What the relay may do to a vehicle."""
@@ -36,6 +38,15 @@ class SetpointLease(Protocol):
 
     def stop(self) -> None:
         """Fly zero velocity, then be silent."""
+        ...
+
+
+@runtime_checkable
+class FliesLegs(Protocol):
+    """A lease on a vehicle that is flown elsewhere, where its link is: whole legs are asked of it."""
+
+    async def fly(self, flight: LegFlight) -> None:
+        """Fly a leg, its record kept as if it were flown here. HoldRequiredError when it must hold."""
         ...
 
 
@@ -56,9 +67,13 @@ class LegFlight:
     _agreed_s: dict[str, float] = field(default_factory=dict, init=False)
     """When the direction of each transmitter that the leg needs last agreed."""
     _angle_errors_rad: list[float] = field(default_factory=list, init=False)
+    _objected: bool = field(default=False, init=False)
 
     async def fly(self) -> None:
         """Fly until the stop condition holds, then command zero velocity. HoldRequiredError when it must hold."""
+        if isinstance(self.lease, FliesLegs):
+            await self.lease.fly(self)
+            return
         leg = self.monitor.leg
         flown = LegRecord(leg, started_s=self.clock.now_s())
         self.record.legs.append(flown)
@@ -79,6 +94,9 @@ class LegFlight:
         observation = await self.observations.next(self.settings.gap_s)
         now_s = self.clock.now_s()
         problem = self.objection()
+        if self._objected and problem is None:
+            self.monitor.begin(now_s)
+        self._objected = problem is not None
         if problem is None and observation is not None and self._usable(observation, now_s):
             self._usable_s = now_s
             return self._steer(flown, observation, now_s)
@@ -93,6 +111,8 @@ class LegFlight:
         self.record.legs[-1].outliers = self.monitor.outliers
         for name in agreeing & self._agreed_s.keys():
             self._agreed_s[name] = now_s
+        if self.monitor.unfollowed:
+            raise HoldRequiredError("by its bearings it does not fly as told: check its link, mode and the wind")
         return len(agreeing) > 1 and not self._late(now_s)
 
     def _late(self, now_s: float) -> list[str]:
@@ -108,6 +128,8 @@ class LegFlight:
             return None
         if self.monitor.stuck:
             return "its sensor repeats one report"
+        if self.monitor.disbelieved:
+            return DISBELIEVED
         unheard = [name for name in late if name not in observation.directions_rad]
         return f"it does not hear {', '.join(unheard)}" if unheard else "its bearings contradict the leg"
 

@@ -12,8 +12,8 @@ from typing import Any, Final
 import msgspec
 
 from gcs.errors import ServiceError
-from gcs.relay.leg_filter import Unrest
 from gcs.relay.response import Agility
+from gcs.relay.unrest import Unrest
 from gcs.stop_monitor import SLOT, TURN, ArrivalRule
 from gcs.traced_monitor import SetUp
 

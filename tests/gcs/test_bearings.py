@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import LEAST_SIGMA_RAD
-from gcs.bearings import BearingFeed, collect
+from gcs.bearings import BearingFeed
 from gcs.report_checks import STUCK_AFTER, BearingCounters
 from planner.angles import wrap
 from planner.frames import FormationFrame
@@ -222,14 +222,23 @@ async def test_waiting_ends_with_the_next_report_or_the_time(clock: ManualClock,
         assert await waiting is not None
 
 
-async def test_collecting_skips_reports_that_lack_a_transmitter_and_gives_up(
+async def test_what_has_waited_too_long_for_its_reader_is_no_fresh_bearing_any_more(
     clock: ManualClock, feed: BearingFeed
 ) -> None:
     with feed.listen("U1") as observations:
-        for k in range(20):
-            feed.take(KEYS.bearings("U1"), a_report(clock, 0.4 - k * 0.01, bearings=[a_bearing(1.0 + k * 0.001)]))
-        assert len(await collect(observations, 5, ["L0"], 0.5)) == 5
-        assert await collect(observations, 2, ["L0", "L1"], 0.5) == []
+        feed.take(KEYS.bearings("U1"), a_report(clock))
+        clock.jump(0.3)
+        feed.take(KEYS.bearings("U1"), a_report(clock, bearings=[a_bearing(1.1)]))
+        clock.jump(0.3)
+        observation = await observations.next(0.5)
+        assert observation is not None
+        assert clock.now_s() - observation.captured_s == pytest.approx(0.4)
+        feed.take(KEYS.bearings("U1"), a_report(clock, bearings=[a_bearing(1.2)]))
+        clock.jump(0.5)
+        waiting = asyncio.create_task(observations.next(0.5))
+        await clock.advance(0.6)
+        assert await waiting is None
+    assert feed.counters.stale == 2
 
 
 def test_nobody_listens_after_the_block(clock: ManualClock, feed: BearingFeed) -> None:

@@ -67,11 +67,15 @@ class Flight:
             velocity = leg_velocity(now, LIMITS)
             self.monitor.commanded(self.time_s, velocity)
             self.command = self.monitor.course * velocity
+        self.move()
+        return False
+
+    def move(self) -> None:
+        """Fly for a tenth of a second as commanded."""
         for _ in range(10):
             self.velocity += (self.command + self.stray() - self.velocity) * (PERIOD_S / 10) / RESPONSE_S
             self.place += self.velocity * PERIOD_S / 10
         self.time_s += PERIOD_S
-        return False
 
     command = 0j
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import cmath
 import math
 
@@ -12,9 +13,9 @@ from hypothesis import strategies as st
 
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import Emission, decode
-from gcs.bearings import Observation
+from gcs.bearings import Observation, Observations
 from gcs.relay.emission import EmissionControl
-from gcs.relay.locating import locate, transmitters_to_hear, typical_direction
+from gcs.relay.locating import hear, locate, transmitters_to_hear, typical_direction
 from planner.errors import PositioningError
 from tests.fakes import FakeBus, ManualClock
 
@@ -43,6 +44,20 @@ def test_when_nothing_helps_nothing_is_switched_on() -> None:
 def seen_from(place: complex, count: int = 10) -> list[Observation]:
     directions = {name: cmath.phase(at - place) for name, at in STANDING.items()}
     return [Observation(float(k), dict(directions), dict.fromkeys(STANDING, 0.002)) for k in range(count)]
+
+
+async def test_hearing_ends_with_enough_of_each_or_when_most_reports_lack_one_or_none_comes() -> None:
+    clock = ManualClock()
+    observations = Observations(clock)
+    for number in range(20):
+        observations.push(Observation(float(number), {"L0": 1.0}, {"L0": 0.002}))
+    assert [heard.captured_s for heard in await hear(observations, ["L0"], 5, 0.5)] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert len(await hear(observations, ["L0", "L1"], 2, 0.5)) == 8
+    waiting = asyncio.create_task(hear(observations, ["L0"], 20, 0.5))
+    await clock.advance(0.4)
+    assert not waiting.done()
+    await clock.advance(0.2)
+    assert len(await waiting) == 7
 
 
 def test_reports_together_give_the_place() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gcs.relay.journey import MOST_TRIMS
+from gcs.relay.leg_flight import DISBELIEVED
 from gcs.relay.states import ReceiverState
 from tests.gcs.relay.world import World
 
@@ -34,7 +35,7 @@ def shoving(world: World, name: str, by_m: complex, times: int) -> Callable[[flo
     return meanwhile
 
 
-@pytest.mark.parametrize("shove", [1.2 + 0j, -0.8 + 1.1j])
+@pytest.mark.parametrize("shove", [1.2 + 0j, -0.6 + 0.8j])
 async def test_who_was_shoved_off_its_slot_is_brought_back(shove: complex) -> None:
     world = World(sigma_deg=0.1)
     world.executor.records = {"U1": world.executor.records["U1"]}
@@ -43,6 +44,23 @@ async def test_who_was_shoved_off_its_slot_is_brought_back(shove: complex) -> No
     assert states.count(TRIMMING) >= 1
     assert states[-2:] == [VERIFYING, PLACED]
     assert world.errors_m()["U1"] < 0.5
+
+
+async def test_who_is_found_where_it_cannot_have_flown_to_is_held_until_the_operator_has_it_located_anew() -> None:
+    world = World(sigma_deg=0.1, attended=True)
+    world.executor.records = {"U1": world.executor.records["U1"]}
+    record, shove, reasons = world.executor.records["U1"], shoving(world, "U1", -0.8 + 1.1j, times=1), []
+
+    def meanwhile(now_s: float) -> None:
+        shove(now_s)
+        if record.state is ReceiverState.HELD and not reasons:
+            reasons.append(record.reason)
+            world.executor.resume()
+
+    await world.run(meanwhile=meanwhile, until=lambda: record.state is PLACED)
+    assert reasons == [DISBELIEVED]
+    believed = world.executor.standing.places["U1"]  # in its slot within the tolerance, and known where
+    assert abs(world.frame.to_site(believed) - world.vehicles["U1"].place) < 0.6
 
 
 async def test_who_cannot_stay_trims_no_longer_than_it_helps() -> None:
