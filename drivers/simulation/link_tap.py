@@ -1,12 +1,15 @@
-"""A tap on the loopback link of one simulated vehicle: it passes on what is said, until cut, and lets others speak."""
+"""A tap on the loopback link of one simulated vehicle: it passes on what is said, well or badly; others may speak."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import random
 from collections.abc import AsyncIterator
 
+from drivers.clock import Clock, SystemClock
 from drivers.errors import SimulationError
+from drivers.simulation.impairment import UNIMPAIRED
 
 HOST = "127.0.0.1"
 Address = tuple[str, int]
@@ -15,11 +18,16 @@ Address = tuple[str, int]
 class LinkTap(asyncio.DatagramProtocol):
     """Stands between a vehicle and the service at a port of its own. Made by `open_tap`."""
 
-    def __init__(self, system_id: int, service: Address) -> None:
+    def __init__(self, system_id: int, service: Address, clock: Clock, seed: str) -> None:
         self.system_id = system_id
+        self.impairment = UNIMPAIRED
+        """What befalls each datagram, either way."""
         self.cut = False
         """Whether nothing gets through, either way."""
         self.port = 0
+        self._clock = clock
+        self._draws = random.Random(seed)  # noqa: S311 - noise, not secrets
+        self._under_way: set[asyncio.Task[None]] = set()
         self._service = service
         self._vehicle: Address | None = None
         self._transport: asyncio.DatagramTransport | None = None
@@ -33,8 +41,16 @@ class LinkTap(asyncio.DatagramProtocol):
         """Pass a datagram on to the other side."""
         if addr != self._service:
             self._vehicle = addr
-        if not self.cut:
-            self._send(data, self._vehicle if addr == self._service else self._service)
+        if self.cut:
+            return
+        to = self._vehicle if addr == self._service else self._service
+        for after_s in self.impairment.arrivals_s(self._draws):
+            if after_s <= 0.0:
+                self._send(data, to)
+                continue
+            task = asyncio.ensure_future(self._send_later(data, to, after_s))
+            self._under_way.add(task)
+            task.add_done_callback(self._under_way.discard)
 
     def speak(self, frame: bytes) -> None:
         """Send a frame to the vehicle beside the service, cut or not, as another station would."""
@@ -43,15 +59,30 @@ class LinkTap(asyncio.DatagramProtocol):
     def error_received(self, exc: Exception) -> None:
         """One side is not there: what it does not hear is lost."""
 
+    def lose_all(self) -> None:
+        """Lose what is under way."""
+        for task in self._under_way:
+            task.cancel()
+
+    async def _send_later(self, data: bytes, address: Address | None, after_s: float) -> None:
+        await self._clock.sleep(after_s)
+        if not self.cut:
+            self._send(data, address)
+
     def _send(self, data: bytes, address: Address | None) -> None:
         if self._transport is not None and address is not None:
             self._transport.sendto(data, address)
 
 
 @contextlib.asynccontextmanager
-async def open_tap(system_id: int, service_port: int) -> AsyncIterator[LinkTap]:
-    """Open a tap between a vehicle and the service's port on loopback. SimulationError when no port is free."""
-    tap = LinkTap(system_id, (HOST, service_port))
+async def open_tap(
+    system_id: int, service_port: int, clock: Clock | None = None, seed: str = ""
+) -> AsyncIterator[LinkTap]:
+    """Open a tap between a vehicle and the service's port on loopback. SimulationError when no port is free.
+
+    Delays are by the clock, the machine's by default; the same seed has the same befall the same datagrams.
+    """
+    tap = LinkTap(system_id, (HOST, service_port), clock or SystemClock(), seed)
     loop = asyncio.get_running_loop()
     try:
         transport, _ = await loop.create_datagram_endpoint(lambda: tap, local_addr=(HOST, 0))
@@ -60,4 +91,5 @@ async def open_tap(system_id: int, service_port: int) -> AsyncIterator[LinkTap]:
     try:
         yield tap
     finally:
+        tap.lose_all()
         transport.close()

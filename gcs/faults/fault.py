@@ -31,14 +31,34 @@ Kind = Literal[
     "transmitter_silent",
     "telemetry_lost",
     "link_cut",
+    "link_loss",
+    "link_duplication",
+    "link_reordering",
+    "link_delay",
+    "link_jitter",
     "vehicle_frozen",
+    "vehicle_reboot",
+    "battery_low",
     "pilot_receiver",
     "pilot_transmitter",
+    "service_stopped",
+    "service_killed",
 ]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 
 LYING: Final[frozenset[Kind]] = frozenset({"sensor_bias", "sensor_jump", "transmitter_drift"})
 """Under these, bearings say something else than the truth about the places that are taken for granted."""
+
+OF_THE_LINK: Final[Mapping[Kind, str]] = MappingProxyType(
+    {
+        "link_loss": "loss",
+        "link_duplication": "duplication",
+        "link_reordering": "reordering",
+        "link_delay": "delay_s",
+        "link_jitter": "jitter_s",
+    }
+)
+"""What these do to a radio: they befall what is sent to a vehicle, and what it says."""
 
 _MOMENTS: Final = ("LOCATING", "LEG_1", "LEG_2", "VERIFYING")
 _LATEST_S: Final = 8.0
@@ -91,10 +111,18 @@ AMOUNTS: Final[Mapping[Kind, Amount]] = MappingProxyType(
         "clock_drift": Amount("s/s", 2e-5, 5e-3, signed=True),
         "sensor_bias": Amount("rad", math.radians(0.5), math.radians(20.0), signed=True),
         "transmitter_drift": Amount("m/s", 0.1, 1.5),
+        "link_loss": Amount("share", 0.05, 0.5),
+        "link_duplication": Amount("share", 0.1, 1.0),
+        "link_reordering": Amount("share", 0.05, 0.5),
+        "link_delay": Amount("s", 0.05, 2.0),
+        "link_jitter": Amount("s", 0.05, 0.8),
     }
 )
 _OF_A_TRANSMITTER: Final = frozenset({"transmitter_drift", "transmitter_silent", "pilot_transmitter"})
-_FOR_EVER: Final = frozenset({"clock_step", "clock_drift", "pilot_receiver", "pilot_transmitter"})
+_FOR_EVER: Final = frozenset(
+    {"clock_step", "clock_drift", "battery_low", "pilot_receiver", "pilot_transmitter", "service_killed"}
+)
+_FOR_A_WHILE: Final = frozenset({"vehicle_reboot", "service_stopped"})
 
 
 def draw_faults(plan: RelayPlan, seed: int) -> tuple[Fault, ...]:
@@ -108,12 +136,13 @@ def _draw(plan: RelayPlan, draws: random.Random) -> Fault:
     states = [state for state in _MOMENTS if not state.startswith("LEG") or int(state[-1]) <= len(route.legs)]
     moment = Moment(route.receiver, ReceiverState(draws.choice(states)).value, draws.uniform(0.0, _LATEST_S))
     heard = route.transmitters or (route.receiver,)
-    lasts_s = None if draws.random() < _FOR_EVER_SHARE else draws.uniform(*_LASTS_S)
+    for_ever, lasts_s = draws.random() < _FOR_EVER_SHARE, draws.uniform(*_LASTS_S)
+    for_ever = kind in _FOR_EVER or (for_ever and kind not in _FOR_A_WHILE)
     return Fault(
         kind,
         draws.choice(heard) if kind in _OF_A_TRANSMITTER else route.receiver,
         moment,
-        None if kind in _FOR_EVER else lasts_s,
+        None if for_ever else lasts_s,
         _amount(kind, draws),
         draws.uniform(0.0, math.tau),
         draws.choice((None, *heard)) if kind in ("sensor_bias", "sensor_jump") else None,

@@ -8,7 +8,16 @@ from typing import Final, Literal, get_args
 import msgspec
 
 Invariant = Literal[
-    "fresh_bearing", "pilot", "separation", "leg_time", "leg_length", "stopped", "placement", "ended", "exception"
+    "fresh_bearing",
+    "pilot",
+    "separation",
+    "leg_time",
+    "leg_length",
+    "stopped",
+    "followed",
+    "placement",
+    "ended",
+    "exception",
 ]
 INVARIANTS: Final[tuple[Invariant, ...]] = get_args(Invariant)
 

@@ -16,11 +16,15 @@ _LATER_S: Final = 0.05
 """What a capture time may be off by, of a sensor whose clock was asked a second ago."""
 _NEVER_S: Final = float("-inf")
 _SURE_SIGMAS: Final = 4.0
+_BY_CHANCE: Final = 1
 
 
 @dataclass
 class Hearing:
-    """The reports of one receiver. Fresh is one that is young, newer than all before, and not the last one again."""
+    """The reports of one receiver. Fresh is one that is young, newer than all before, and says something new.
+
+    The same once more may be chance, and twice is none.
+    """
 
     oldest_s: float
     """What a fresh report's age may be, s."""
@@ -30,11 +34,13 @@ class Hearing:
     """What fresh reports have said of each transmitter since somebody cleared it."""
     _newest_captured_s: float = _NEVER_S
     _last: dict[str, float] = field(default_factory=dict)
+    _repeats: int = 0
 
     def take(self, now_s: float, captured_s: float, report: BearingReport) -> None:
         """Take a report that is delivered now and was truly captured then."""
         heard = {bearing.transmitter: bearing.azimuth_rad for bearing in report.bearings}
-        newer, news = captured_s > self._newest_captured_s, heard != self._last
+        self._repeats = self._repeats + 1 if heard == self._last else 0
+        newer, news = captured_s > self._newest_captured_s, self._repeats <= _BY_CHANCE
         self._newest_captured_s = max(self._newest_captured_s, captured_s)
         if not (heard and newer and news and now_s - captured_s <= self.oldest_s + _LATER_S):
             return

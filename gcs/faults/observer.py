@@ -27,6 +27,9 @@ _LEG_S: Final = (30.0, 3.0)
 """A leg takes no longer than the first, and the second times what it takes at full speed..."""
 _LEG_M: Final = (10.0, 1.25)
 """...and leads no farther than the first, and the second times its length."""
+_IGNORED: Final = (1.0, 0.25, 10.0)
+"""Told to fly as fast as the first, m/s, and flying less than the second's share of that, a vehicle follows nobody: it
+is not told so for longer than the third, s."""
 _ABOUT_M: Final = 1.0
 """How far a transmitter may stand from where it is taken to stand."""
 _NOT_UNDER_WAY: Final = frozenset({"WAITING", "PLACED", "HELD", "PILOT", "FAILED"})
@@ -46,6 +49,8 @@ class Rules:
     """...and nobody is PLACED farther from its slot."""
     standing_mps: float = 0.5
     """Slower is at rest."""
+    touching_m: float = 1.0
+    """Who is lied to flies where it should not; its position stops it when it is too near, and it brakes from there."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +93,14 @@ class Observer:
     stops: list[MustStop] = field(default_factory=list)
     ended: bool = False
     """Whether the relay has ended: nobody is commanded any more."""
+    lied_to: bool = False
+    """Whether bearings have said something else than the truth."""
     closest_m: float = float("inf")
     hearings: dict[str, Hearing] = field(init=False)
     states: dict[str, str] = field(default_factory=dict)
     _legs: dict[str, _Leg] = field(default_factory=dict)
     _near_since_s: dict[str, float] = field(default_factory=dict)
+    _ignored_since_s: dict[str, float] = field(default_factory=dict)
     _tracks: dict[str, deque[tuple[float, complex]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -157,6 +165,7 @@ class Observer:
                 track.popleft()
             if abs(sight.command) > _ZERO_MPS:
                 self._look_at_command(name, now_s, sight)
+            self._look_at_following(name, now_s, sight)
             self._look_at_leg(name, now_s, sight)
         self._look_at_separation(now_s, sights)
         self._look_at_stops(now_s, sights)
@@ -181,6 +190,16 @@ class Observer:
         if for_s > self.rules.lease_s + _LATE_S:
             self.findings.add("fresh_bearing", name, now_s, f"it is told to fly, {for_s:.2f} s after a fresh bearing")
 
+    def _look_at_following(self, name: str, now_s: float, sight: Sight) -> None:
+        least_mps, share, longest_s = _IGNORED
+        if abs(sight.command) < least_mps or self.speed_mps(name) > share * abs(sight.command):
+            self._ignored_since_s.pop(name, None)
+            return
+        for_s = now_s - self._ignored_since_s.setdefault(name, now_s)
+        if for_s > longest_s:
+            what = f"it has been told to fly for {for_s:.1f} s, and stands"
+            self.findings.add("followed", name, now_s, what)
+
     def _look_at_leg(self, name: str, now_s: float, sight: Sight) -> None:
         leg = self._legs.get(name)
         if leg is None:
@@ -202,7 +221,7 @@ class Observer:
                 self.closest_m = min(self.closest_m, apart_m)
             if apart_m >= self.rules.too_near_m:
                 continue
-            if not strays:
+            if not strays and (apart_m < self.rules.touching_m or not self.lied_to):
                 self.findings.add("separation", one, now_s, f"{apart_m:.1f} m from {other}")
             if first.heard and second.heard:
                 near |= {one: other, other: one}

@@ -27,7 +27,7 @@ class FaultRun(msgspec.Struct, frozen=True):
     attended: bool
     faults: list[Fault]
     struck_s: list[float | None]
-    outcome: Literal["formed", "held", "broken"]
+    outcome: Literal["formed", "held", "broken", "killed"]
     reason: str
     duration_s: float
     closest_m: float | None
@@ -77,7 +77,7 @@ async def watch(
         attended=attended,
         faults=list(faults),
         struck_s=[world.struck.get(number) for number in range(len(faults))],
-        outcome="broken" if broken else "held" if unplaced else "formed",
+        outcome="broken" if broken else "killed" if world.killed else "held" if unplaced else "formed",
         reason=unplaced[0] if unplaced else "",
         duration_s=now_s(),
         closest_m=None if closest_m == float("inf") else closest_m,

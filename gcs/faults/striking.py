@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.faults.bus import FaultyBus
-from gcs.faults.fault import Fault, Kind
+from gcs.faults.fault import OF_THE_LINK, Fault, Kind
 from gcs.faults.sensor import FaultySensor
 from gcs.faults.vehicle import FaultyVehicle
 
-FOR_ALL: Final[frozenset[Kind]] = frozenset({"bus_lost", "transmitter_silent", "pilot_receiver", "pilot_transmitter"})
+FOR_ALL: Final[frozenset[Kind]] = frozenset(
+    {"bus_lost", "transmitter_silent", "pilot_receiver", "pilot_transmitter", "service_stopped", "service_killed"}
+)
 """What must stop all that fly, not its target alone."""
 
 FOR_WHO_FLIES: Final[frozenset[Kind]] = frozenset({"sensor_jump", "transmitter_silent"})
@@ -24,7 +26,7 @@ _NOTICED_S: Final = 0.5
 """Bearings that are missed or contradict, and missing telemetry, are noticed within this."""
 _SEEN_S: Final = 0.2
 """A pilot's mode is seen, and everybody told to hold, within this."""
-_OWN_TIME_OUT_S: Final = 3.1
+OWN_TIME_OUT_S: Final = 3.1
 """Without setpoints a copter's own guided mode ends its velocity after this."""
 _TOO_OLD_S: Final = 0.5
 
@@ -65,6 +67,12 @@ def _switch_vehicle(vehicle: FaultyVehicle, fault: Fault, *, on: bool) -> bool:
         vehicle.cut_link(cut=on)
     elif fault.kind == "vehicle_frozen":
         vehicle.freeze(frozen=on)
+    elif fault.kind == "vehicle_reboot":
+        vehicle.reboot(down=on)
+    elif fault.kind == "battery_low":
+        vehicle.drain(drained=on)
+    elif fault.kind in OF_THE_LINK:
+        vehicle.impair(**{OF_THE_LINK[fault.kind]: fault.amount if on else 0.0})
     elif fault.kind == "transmitter_drift":
         vehicle.drift(cmath.rect(fault.amount, fault.course_rad) if on else 0j)
     elif fault.kind in ("pilot_receiver", "pilot_transmitter") and on:
@@ -89,7 +97,11 @@ def stop_within_s(
         "sensor_stuck": lease_s + _LATENCY_S + _NOTICED_S,
         "telemetry_lost": _LATENCY_S + _NOTICED_S,
         "vehicle_frozen": 0.0,
-        "link_cut": _OWN_TIME_OUT_S,
+        "vehicle_reboot": 0.0,
+        "battery_low": _LATENCY_S + _NOTICED_S,
+        "link_cut": OWN_TIME_OUT_S,
+        "service_stopped": OWN_TIME_OUT_S,
+        "service_killed": OWN_TIME_OUT_S,
     }
     if (fault.of is None and from_north) or (fault.of in heard and len(heard) <= 2):
         within_s["sensor_jump"] = lease_s + _LATENCY_S + _NOTICED_S
@@ -102,4 +114,4 @@ def stop_within_s(
     if fault.kind == "report_delay" and fault.amount > _TOO_OLD_S:
         within_s["report_delay"] = lease_s + _LATENCY_S
     stops_s = within_s.get(fault.kind)
-    return stops_s if stops_s is None or not cut else max(stops_s, _OWN_TIME_OUT_S)
+    return stops_s if stops_s is None or not cut else max(stops_s, OWN_TIME_OUT_S)

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
 
 from drivers.clock import Clock
 from drivers.mavlink.setpoints import StreamLimits, StreamState
 from drivers.simulation.weather import SimulatedWeather
+from gcs.faults.radio import Radio
 from gcs.simulate.vehicle import SimulatedVehicle
+
+_FULL_PERCENT: Final = 100
+_EMPTY_PERCENT: Final = 5
+_PERIOD_S: Final = 0.1
+"""Between two setpoints of a stream, and two messages of a vehicle."""
 
 
 class FaultyVehicle(SimulatedVehicle):
@@ -30,6 +38,14 @@ class FaultyVehicle(SimulatedVehicle):
         self._adrift_since_s = clock.now_s()
         self._silent_since_s: float | None = None
         self._commanded = commanded
+        self.battery_percent = _FULL_PERCENT
+        self._uplink: Radio[complex] = Radio(f"{seed}/up")
+        self._downlink: Radio[complex] = Radio(f"{seed}/down")
+        self._heard_s = self._sent_s = clock.now_s()
+        self._told: complex | None = None
+        self._waiting: complex | None = None
+        self.goes_on_since_s = clock.now_s()
+        """Since when it has not been frozen."""
         super().__init__(home, altitude_m, limits, clock, weather, seed, heading_rad)
 
     def renew(self, velocity_north_east_mps: complex) -> None:
@@ -40,7 +56,18 @@ class FaultyVehicle(SimulatedVehicle):
 
     def silent_for_s(self) -> float:
         """Return the time since it was last heard of, s."""
-        return 0.0 if self._silent_since_s is None else self._clock.now_s() - self._silent_since_s
+        silent_s = 0.0 if self._silent_since_s is None else self._clock.now_s() - self._silent_since_s
+        return silent_s if self._told is None else max(silent_s, self._clock.now_s() - self._heard_s)
+
+    @property
+    def impaired(self) -> bool:
+        """Whether its radio fails, or has failed."""
+        return self._told is not None
+
+    @property
+    def told_place(self) -> complex:
+        """Where it has told to be."""
+        return self.place if self._told is None else self._told
 
     @property
     def heard(self) -> bool:
@@ -51,6 +78,18 @@ class FaultyVehicle(SimulatedVehicle):
         """Send no more telemetry, or send it again."""
         self._silent_since_s = self._clock.now_s() if silent else None
 
+    def impair(self, **shares_and_times: float) -> None:
+        """Let its radio fail otherwise, either way: by words of an `Impairment`, 0 no more."""
+        self.advance()
+        for radio in (self._uplink, self._downlink):
+            radio.impairment = replace(radio.impairment, **shares_and_times)
+        if self._told is None:
+            self._told, self._heard_s, self._sent_s = self.place, self._clock.now_s(), self._clock.now_s()
+
+    def drain(self, *, drained: bool) -> None:
+        """Tell of an empty battery, or of a full one."""
+        self.battery_percent = _EMPTY_PERCENT if drained else _FULL_PERCENT
+
     def cut_link(self, *, cut: bool) -> None:
         """Get no more setpoints, or get again the one that is streamed just now."""
         self.advance()
@@ -59,10 +98,19 @@ class FaultyVehicle(SimulatedVehicle):
             self._obey(self.command)
 
     def freeze(self, *, frozen: bool) -> None:
-        """Stand still in time as a stopped process does, or go on."""
+        """Stand still in time as a stopped process does, or go on: by what it was told meanwhile."""
         self.advance()
         self.fall_silent(silent=frozen)
-        self.frozen = frozen
+        self.frozen, waiting, self._waiting = frozen, self._waiting, None
+        self.goes_on_since_s = self._clock.now_s()
+        if waiting is not None:
+            self._obey(waiting)
+
+    def reboot(self, *, down: bool) -> None:
+        """Be gone, or come back in a mode that is not the guided one."""
+        self.freeze(frozen=down)
+        if not down:
+            self.take_over()
 
     def drift(self, velocity: complex) -> None:
         """Drift with this velocity from now on, m/s, whatever it is told."""
@@ -85,12 +133,34 @@ class FaultyVehicle(SimulatedVehicle):
         now_s = self._clock.now_s()
         self._home += self.adrift * (now_s - self._adrift_since_s)
         self._adrift_since_s = now_s
+        if self._told is not None:
+            self._speak(now_s)
 
     def _obey(self, velocity: complex) -> None:
         if self.cut or self.frozen:
             self.command = velocity
-        else:
+            self._waiting = velocity if self.frozen and not self.cut else self._waiting
+        elif self._told is None:
             super()._obey(velocity)
+        else:
+            self.command = velocity
+            self._uplink.send(self._clock.now_s(), velocity)
+
+    def _speak(self, now_s: float) -> None:
+        """Let its stream and its telemetry go over the radio, as far as they are due, and arrive."""
+        while self._sent_s + _PERIOD_S <= now_s:
+            self._sent_s += _PERIOD_S
+            if self.state in (StreamState.LEASED, StreamState.STOPPING) and not self.cut:
+                self._uplink.send(self._sent_s, self.command)
+            if self.heard:
+                self._downlink.send(self._sent_s, self.place)
+        told = self.command
+        for _, velocity in self._uplink.arrived(now_s):
+            if not (self.cut or self.frozen or self.state is StreamState.PILOT):
+                super()._obey(velocity)
+        self.command = told
+        for at_s, place in self._downlink.arrived(now_s):
+            self._heard_s, self._told = at_s, place
 
     def _fly_to(self, time_s: float) -> None:
         if self.frozen:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,13 +15,14 @@ from drivers.bus.messages import BearingReport, decode
 from drivers.clock import Clock
 from drivers.tasks import background
 from gcs.faults.bus import FaultyBus
-from gcs.faults.fault import LYING, Fault
+from gcs.faults.fault import LYING, OF_THE_LINK, Fault
 from gcs.faults.observer import BRAKING_S, MustStop, Observer, Rules, Sight
 from gcs.faults.sensor import FaultySensor
-from gcs.faults.striking import FOR_ALL, FOR_WHO_FLIES, Plant, stop_within_s, switch
+from gcs.faults.striking import FOR_ALL, FOR_WHO_FLIES, OWN_TIME_OUT_S, Plant, stop_within_s, switch
 from gcs.faults.vehicle import FaultyVehicle
 from gcs.playbook.schema import Playbook
 from gcs.relay.records import ReceiverRecord
+from gcs.simulate.virtual_time import VirtualTimeLoop
 from gcs.simulate.world import RelayWorld
 from gcs.simulated_vehicles import weather_of
 from planner.plan import RelayPlan
@@ -31,8 +33,13 @@ _OLDEST_REPORT_S: Final = 0.5
 _STANDING_MPS: Final = 0.5
 _DONE: Final = ("PLACED", "FAILED")
 _MANY: Final = 5
+_OF_THE_SERVICE: Final = frozenset({"service_stopped", "service_killed"})
 _OPERATOR_S: Final = 4.0
 _RESUMED: Final = 2
+
+
+class _KilledError(Exception):
+    """The service was killed."""
 
 
 class FaultyWorld(RelayWorld):
@@ -60,10 +67,13 @@ class FaultyWorld(RelayWorld):
         self._faults = faults
         self._from_north = playbook.sensor.reference == "true_north"
         self._mended: set[int] = set()
+        self._measured_s = -1.0
+        self.killed = False
+        """Whether the service was killed."""
         self._moments: dict[tuple[str, str], float] = {}
         super().__init__(playbook, plan, clock, self.router, seed=seed, attended=attended)
         self._attended = attended
-        self._safety = replace(self._safety, bus_connected=self.router.connected)
+        self._safety = replace(self._safety, battery_percent=lambda name: self.vehicles[name].battery_percent)
         self._faulty = {
             name: FaultySensor(sensor.model, random.Random(f"{seed}/{name}"), f"{seed}/{name}")  # noqa: S311 - noise
             for name, sensor in self.sensors.items()
@@ -89,21 +99,33 @@ class FaultyWorld(RelayWorld):
     async def run(self, limit_s: float) -> None:
         """Run the relay to its end, watched."""
         async with background(self._watch(), self._operate()):
-            await super().run(limit_s)
+            try:
+                await super().run(limit_s)
+            except* _KilledError:
+                self.killed = True
             self.observer.ended = True
-            await self.hover(BRAKING_S + 2.0)
+            await self.hover(BRAKING_S + (OWN_TIME_OUT_S if self.killed else 2.0))
         for name, vehicle in self.vehicles.items():
-            obeys = not (vehicle.piloted or vehicle.adrift or vehicle.cut)
+            brakes = vehicle.goes_on_since_s > self.clock.now_s() - BRAKING_S
+            strays = vehicle.piloted or name in self._astray()
+            obeys = not (strays or brakes or (vehicle.cut and not self.killed))
             if obeys and self.observer.speed_mps(name) > self.observer.rules.standing_mps:
                 what = f"{self.observer.speed_mps(name):.2f} m/s after the relay's end"
                 self.observer.findings.add("stopped", name, self.clock.now_s(), what)
 
     def measure(self) -> None:
-        """Let fail what is due, then let every sensor measure."""
+        """Let fail what is due, then let every sensor measure, unless they have measured just now."""
         self._strike_and_mend()
+        if self._measured_s < self.clock.now_s():
+            self._measure()
+
+    def _measure(self) -> None:
+        self._measured_s = self.clock.now_s()
         silent = {name: self.score.board.latest.get(name) for name, v in self.vehicles.items() if not v.heard}
         super().measure()
-        self.score.board.latest.update({name: told for name, told in silent.items() if told is not None})
+        board = self.score.board.latest
+        board.update({name: told for name, told in silent.items() if told is not None})
+        board.update({n: replace(board[n], north_east=v.told_place) for n, v in self.vehicles.items() if v.impaired})
         self.router.repeat()
 
     def announced(self, record: ReceiverRecord) -> None:
@@ -126,7 +148,7 @@ class FaultyWorld(RelayWorld):
                 (slots[name], abs(vehicle.place - slots[name])),
                 given | slots,
                 self.sensors[name].model.sigma_rad,
-                lied_to=any(self._faults[number].kind in LYING for number in self.struck),
+                lied_to=self.observer.lied_to,
                 from_north=self._from_north,
             )
             self.wrong_placements += wrong
@@ -134,13 +156,16 @@ class FaultyWorld(RelayWorld):
 
     async def _watch(self) -> None:
         while True:
-            self.places()
-            sights = {
-                name: Sight(v.place, v.command, v.piloted, name in self._astray(), v.heard)
-                for name, v in self.vehicles.items()
-            }
-            self.observer.look(self.clock.now_s(), sights)
+            self._look()
             await self.clock.sleep(_LOOK_S)
+
+    def _look(self) -> None:
+        self.places()
+        sights = {
+            name: Sight(v.place, v.command, v.piloted, name in self._astray(), v.heard and not v.impaired)
+            for name, v in self.vehicles.items()
+        }
+        self.observer.look(self.clock.now_s(), sights)
 
     async def _operate(self) -> None:
         """Do what an operator does who wants his formation: what has a pilot is given back, and the relay resumed."""
@@ -180,31 +205,57 @@ class FaultyWorld(RelayWorld):
             entered_s = self._moments.get((fault.at.receiver, fault.at.state))
             if entered_s is None or number in self._mended:
                 continue
+            if self.observer.ended and fault.kind in _OF_THE_SERVICE:
+                continue
             if number not in self.struck:
                 if now_s >= entered_s + fault.at.after_s:
                     self.struck[number] = now_s
+                    self.observer.lied_to |= fault.kind in LYING
                     self._strike(fault, now_s)
             elif fault.for_s is not None and now_s >= self.struck[number] + fault.for_s:
                 self._mended.add(number)
-                switch(self._plant, fault, on=False)
+                if fault.kind not in _OF_THE_SERVICE:
+                    switch(self._plant, fault, on=False)
 
     def _strike(self, fault: Fault, now_s: float) -> None:
         """Let a fault begin, and the observer know who must stop for it."""
         flying = {name for name, vehicle in self.vehicles.items() if vehicle.command}
-        switch(self._plant, fault, on=True)
-        cut = any(other.kind == "link_cut" for other in self._faults)
+        if fault.kind not in _OF_THE_SERVICE:
+            switch(self._plant, fault, on=True)
+        cut = any(other.kind in ("link_cut", *OF_THE_LINK) for other in self._faults)
         told = self.observer.states.get(fault.target)
         within_s = stop_within_s(
             fault, self.on_air, self.limits.lease_s, done=told in _DONE, cut=cut, from_north=self._from_north
         )
-        if within_s is None:
-            return
+        if within_s is not None:
+            self._require_stop(fault, now_s, within_s, flying)
+        if fault.kind in _OF_THE_SERVICE:
+            self._stop_service(fault.for_s)
+
+    def _require_stop(self, fault: Fault, now_s: float, within_s: float, flying: set[str]) -> None:
         names = set(self.vehicles) if fault.kind in FOR_ALL else {fault.target}
         if fault.kind in FOR_WHO_FLIES:
             names &= flying
         names -= {name for name, vehicle in self.vehicles.items() if vehicle.piloted}  # how a pilot stops is his affair
         until_s = float("inf") if fault.for_s is None else now_s + fault.for_s
         self.observer.stops.append(MustStop(names, now_s + within_s + BRAKING_S, until_s, fault.kind))
+
+    def _stop_service(self, for_s: float | None) -> None:
+        """Let the whole service stand still for so long: nothing leaves, and what comes waits. None: it was killed."""
+        obeying = [vehicle for vehicle in self.vehicles.values() if not vehicle.cut]
+        for vehicle in obeying:
+            vehicle.cut_link(cut=True)
+        if for_s is None:
+            raise _KilledError
+        loop, until_s = asyncio.get_running_loop(), self.clock.now_s() + for_s
+        assert isinstance(loop, VirtualTimeLoop)  # noqa: S101 - no other can stand still
+        while self.clock.now_s() < until_s:
+            loop.stall(_LOOK_S)
+            self._look()
+            if self.clock.now_s() >= self._measured_s + 1.0 / self.playbook.sensor.rate_hz:
+                self._measure()
+        for vehicle in obeying:
+            vehicle.cut_link(cut=False)
 
 
 def _rules(playbook: Playbook) -> Rules:

@@ -13,8 +13,13 @@ from gcs.playbook.suggestions import Location, Problem, suggestion
 IN_THE_AIR: Final = frozenset({"locate", "relay", "hold", "measure", "return", "land"})
 BEFORE_THE_RELAY: Final = frozenset({"locate", "plan"})
 ONCE: Final = frozenset({"arm", "takeoff", "relay"})
-OF_A_UAV: Final = frozenset({"pilot", "link_cut", "freeze"})
-WITHOUT_END: Final = frozenset({"pilot", "router_killed"})
+OF_A_UAV: Final = frozenset({"pilot", "link_cut", "link_faults", "freeze", "reboot", "battery_low"})
+ON_THE_LINK: Final = frozenset({"pilot", "link_cut", "link_faults", "reboot", "battery_low"})
+"""These need a link of its own for each vehicle, with a tap on it."""
+OF_THE_ROUTER: Final = frozenset({"router_killed", "router_frozen"})
+"""These need a bus router that is the run's own."""
+WITHOUT_END: Final = frozenset({"pilot", "reboot", "router_killed"})
+OF_LINK_FAULTS: Final = ("loss", "duplication", "reordering", "delay_s", "jitter_s")
 
 
 @dataclass(frozen=True)
@@ -122,3 +127,8 @@ def _fault_problems(place: Location, stage: Inject, known: Known) -> Iterator[Pr
         yield (*place, "after_s"), "it strikes at a moment of the relay (at: {..., after_s: ...}) or after_s from now"
     if stage.for_s is not None and stage.fault in WITHOUT_END:
         yield (*place, "for_s"), f"{stage.fault} does not end by itself"
+    impaired = [word for word in OF_LINK_FAULTS if getattr(stage, word)]
+    if stage.fault == "link_faults" and not impaired:
+        yield place, f"nothing fails: it takes one or more of {', '.join(OF_LINK_FAULTS)}"
+    if stage.fault != "link_faults":
+        yield from (((*place, word), f"goes with link_faults, not with {stage.fault}") for word in impaired)

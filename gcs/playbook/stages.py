@@ -16,7 +16,18 @@ BareWord = Literal[
 OnFailure = Literal["hold", "skip", "return", "land", "abort"]
 Duration = Annotated[float, Field(gt=0.0, le=86_400.0)]
 Delay = Annotated[float, Field(ge=0.0, le=86_400.0)]
-Fault = Literal["pilot", "sensor_silent", "link_cut", "freeze", "router_killed"]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Fault = Literal[
+    "pilot",
+    "sensor_silent",
+    "link_cut",
+    "link_faults",
+    "freeze",
+    "reboot",
+    "battery_low",
+    "router_killed",
+    "router_frozen",
+]
 RelayState = Literal["LOCATING", "LEG_1", "LEG_2", "VERIFYING", "TRIMMING", "PLACED", "HELD", "PILOT", "FAILED"]
 
 
@@ -120,7 +131,9 @@ class Inject(Stage):
     """Arm a fault of the simulation: it strikes `after_s` from now, or at a moment of the relay; the run goes on.
 
     `pilot`: a pilot's station takes `vehicle` out of guided flight. `sensor_silent`, `link_cut`, `freeze`: the sensor,
-    the link or the whole process of `vehicle` falls silent, for ever or `for_s`. `router_killed`: the bus has gone.
+    the link or the whole process of `vehicle` falls silent, for ever or `for_s`. `link_faults`: its radio loses,
+    repeats and delays packets, either way, and lets some overtake others. `reboot`: its autopilot starts anew.
+    `battery_low`: it tells of an empty battery. `router_killed`: the bus has gone; `router_frozen`: it stands still.
     """
 
     fault: Fault
@@ -128,6 +141,13 @@ class Inject(Stage):
     at: When | None = None
     after_s: Delay | None = None
     for_s: Duration | None = None
+    loss: Share = 0.0
+    """Of packets, of `link_faults`; the following, too."""
+    duplication: Share = 0.0
+    reordering: Share = 0.0
+    delay_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    jitter_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """At most so much is added to the delay of each."""
 
 
 AnyStage = (

@@ -20,6 +20,7 @@ from typing import IO, Any, Final
 
 import msgspec
 
+from drivers.strict_json import read_json
 from gcs.errors import ServiceError
 from gcs.playbook.schema import Playbook
 from gcs.recording.run_folder import write_json
@@ -76,7 +77,7 @@ class StudyFolder:
         """Open the folder of the same study. ServiceError when it is no such folder."""
         for name, now in study.files.items():
             try:
-                before = msgspec.json.decode((path / name).read_bytes())
+                before = read_json((path / name).read_bytes(), dict)
             except (OSError, msgspec.DecodeError) as error:
                 raise ServiceError(f"{path} is no study to resume: {name} cannot be read ({error})") from error
             if before != msgspec.json.decode(msgspec.json.encode(now)):
@@ -99,7 +100,7 @@ class StudyFolder:
             if not line.endswith(b"\n"):
                 continue
             try:
-                run = msgspec.json.decode(line, type=RunResult)
+                run = read_json(line, RunResult)
             except msgspec.MsgspecError as error:
                 raise ServiceError(f"{self.path / _RUNS}:{number}: no run of a study: {error}") from error
             by_seed[run.seed] = run

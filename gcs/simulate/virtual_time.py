@@ -40,6 +40,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Return the virtual time, s."""
         return self._jump.now_s
 
+    def stall(self, duration_s: float) -> None:
+        """Let time pass in which nothing runs that waits in this loop, as in a process that is stopped."""
+        self._jump.now_s += duration_s
+
 
 class VirtualClock:
     """The clock of the virtual loop it is used in."""

@@ -7,6 +7,7 @@ import heapq
 import math
 import random
 from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import count
 from typing import Final, Literal
 from zlib import crc32
@@ -90,15 +91,14 @@ class RelayWorld:
         transmitters = {name: transmitter.at for name, transmitter in playbook.transmitters.items()}
         self._safety = Safety(
             self.vehicles,
-            lambda: True,
+            bus.connected,
             SafetyLimits(min_separation_m=playbook.planner.min_separation_m),
             board,
             {name: self.frame.to_site(at) for name, at in transmitters.items()},
         )
-        self.executor = RelayExecutor(
-            records,
-            transmitters,
-            leases=self.vehicles,
+        self.executor_of = partial(
+            RelayExecutor,
+            transmitters=transmitters,
             feed=self.feed,
             emission=self.emission,
             frame=self.frame,
@@ -106,12 +106,13 @@ class RelayWorld:
             settings=self.settings,
             objection=self.objection,
             announce=self.announced,
-            say=self.said.append,
             problem=playbook.problem(),
             trace=self.traced,
             attended=attended,
             bring=_JOURNEYS[stop],
         )
+        """Makes the executor of a service in this world, from records, leases and who says what it does."""
+        self.executor = self.executor_of(records, leases=self.vehicles, say=self.said.append)
         self._join_bus()
 
     def make_vehicle(self, name: str, home: complex) -> SimulatedVehicle:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from drivers.simulation.impairment import Impairment
 from gcs.errors import ServiceError
 from gcs.playbook.stages import Inject, When
 from gcs.stages.outlook import Foreseen, Outlook
@@ -25,7 +26,7 @@ async def _strike(run: Run, stage: Inject) -> None:
     else:
         await _moment(run, stage.at)
     try:
-        end = run.simulation.strike(stage.fault, stage.vehicle)
+        end = run.simulation.strike(stage.fault, stage.vehicle, impairment_of(stage))
         run.tell(f"injected: {_named(stage)}")
         if stage.for_s is not None:
             await run.clock.sleep(stage.for_s)
@@ -40,6 +41,11 @@ async def _moment(run: Run, at: When) -> None:
     while (record := run.records.get(at.receiver)) is None or record.state.value != at.state:
         await run.clock.sleep(_LOOK_S)
     await run.clock.sleep(at.after_s)
+
+
+def impairment_of(stage: Inject) -> Impairment:
+    """Return what `link_faults` do to a link."""
+    return Impairment(stage.loss, stage.duplication, stage.reordering, stage.delay_s, stage.jitter_s)
 
 
 def _named(stage: Inject) -> str:

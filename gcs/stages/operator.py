@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from drivers.bus.messages import ControlReply, ControlRequest, MalformedMessageError, decode, encode
-from gcs.control import STOPPED, ControlDesk
+from gcs.control import STOPPED, TAKEOVER, ControlDesk
 
 Terminal = Callable[[], Awaitable[bool]]
 """Waits for a word at the terminal: True to go on, False to stop."""
@@ -29,6 +29,8 @@ class Operator:
     """Who answers for the relay, once it is flown."""
     stopped: str | None = None
     """Why the run is to end, or None."""
+    take_over: Callable[[str], ControlReply] | None = None
+    """Gives on the vehicles of a lost link node, where there are nodes."""
     show: Callable[[str | None], None] = lambda _: None
     """Gets what he is asked, and None when that is no longer asked."""
     _asked: asyncio.Future[bool] | None = None
@@ -71,14 +73,24 @@ class Operator:
             request = decode(payload, ControlRequest)
         except MalformedMessageError as error:
             return encode(ControlReply(ok=False, message=f"no control request: {error}"))
+        if request.verb == TAKEOVER:
+            return self._said(request, self._taken_over(request))
         if self._asked is None and self.desk is not None and not self.desk.relay.ended:
             reply = self.desk.answer(payload)
             if request.verb == "abort" and decode(reply, ControlReply).ok:
                 self.stop(STOPPED)
             return reply
-        answer = self._about_the_run(request)
+        return self._said(request, self._about_the_run(request))
+
+    def _said(self, request: ControlRequest, answer: ControlReply) -> bytes:
         self.say(f"operator: {' '.join(filter(None, (request.verb, request.vehicle)))}: {answer.message}")
         return encode(answer)
+
+    def _taken_over(self, request: ControlRequest) -> ControlReply:
+        if self.take_over is None or request.vehicle is None:
+            why = "takeover names a link node" if request.vehicle is None else "this run has no link nodes"
+            return ControlReply(ok=False, message=why)
+        return self.take_over(request.vehicle)
 
     def _about_the_run(self, request: ControlRequest) -> ControlReply:
         if request.verb == "abort" and request.vehicle is None:

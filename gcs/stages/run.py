@@ -20,6 +20,7 @@ from gcs.errors import ServiceError
 from gcs.expectations import Verdict
 from gcs.fleet import Member
 from gcs.links import FleetLinks
+from gcs.nodes.remote_stream import RemoteStream
 from gcs.playbook.schema import Playbook
 from gcs.recording.journal import Journal, relay_line
 from gcs.recording.run_folder import RunFolder
@@ -104,6 +105,8 @@ class Run:
     score: Score
     operator: Operator
     simulation: Simulation
+    elsewhere: Mapping[str, RemoteStream] = field(default_factory=dict)
+    """The streams of the vehicles on link nodes."""
     takeovers: Takeovers = field(default_factory=lambda: Takeovers(Counter()))
     """What is sent to vehicles that their pilots have."""
     start: StartTask = not_begun
@@ -179,7 +182,13 @@ class Run:
             limits=SafetyLimits(min_separation_m=self.playbook.planner.min_separation_m),
             positions=self.board,
             places={name: frame.to_site(transmitter.at) for name, transmitter in transmitters.items()},
+            battery_percent=self._battery_percent,
+            fence=[frame.to_site(corner) for corner in self.playbook.planner.fence],
         )
+
+    def _battery_percent(self, name: str) -> int | None:
+        battery = self.fleet.vehicles[name].telemetry.battery
+        return None if battery is None else battery.percent
 
     def flying(self) -> Iterator[str]:
         """Yield the vehicles in the air, or armed, that are the service's to command: never a pilot's."""

@@ -12,9 +12,14 @@ async def do(run: Run, _stage: Takeoff) -> None:
     """Bring all up at once. VehicleError, in a group, naming those that refuse; the others then hold where they are."""
     run.require_cleared()
     try:
-        await bring_up(run.playbook, run.fleet.vehicles, run.autopilots, run.clock, run.start, run.members)
-        for member in run.members.values():
-            run.takeovers.watch(member.vehicle, member.autopilot.is_guided)
+        await bring_up(
+            *(run.playbook, run.fleet.vehicles, run.autopilots, run.clock, run.start, run.members, run.elsewhere)
+        )
+        for name, member in run.members.items():
+            if name in run.elsewhere:
+                run.takeovers.ask(name, run.elsewhere[name].setpoints_after)
+            else:
+                run.takeovers.watch(member.vehicle, member.autopilot.is_guided)
     except BaseException:
         for name in [name for name in run.flying() if name not in run.members]:
             run.brake(name)

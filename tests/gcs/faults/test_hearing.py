@@ -30,12 +30,22 @@ def test_a_young_report_is_fresh(heard: Hearing) -> None:
 
 @pytest.mark.parametrize(
     ("captured_s", "azimuths_deg"),
-    [(9.9, (11, 21)), (9.8, (11, 21)), (10.0, (10, 20)), (10.0, ())],
-    ids=["the same instant again", "overtaken", "a stuck sensor", "nothing heard"],
+    [(9.9, (11, 21)), (9.8, (11, 21)), (10.0, ())],
+    ids=["the same instant again", "overtaken", "nothing heard"],
 )
 def test_what_is_no_news_is_not_fresh(heard: Hearing, captured_s: float, azimuths_deg: tuple[float, ...]) -> None:
     heard.take(10.1, captured_s, report(*azimuths_deg))
     assert heard.fresh_s == 10.0
+
+
+def test_what_repeats_itself_once_may_be_news_and_twice_is_a_stuck_sensor(heard: Hearing) -> None:
+    heard.take(10.1, 10.0, report(10, 20))
+    assert heard.fresh_s == 10.1
+    heard.take(10.2, 10.1, report(10, 20))
+    heard.take(10.3, 10.2, report(10, 20))
+    assert heard.fresh_s == 10.1
+    heard.take(10.4, 10.3, report(10.1, 20))
+    assert heard.fresh_s == 10.4
 
 
 def test_what_was_long_on_its_way_is_not_fresh(heard: Hearing) -> None:

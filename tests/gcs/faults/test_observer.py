@@ -9,16 +9,20 @@ from pathlib import Path
 import pytest
 
 from gcs.faults.fault import Fault, Kind, Moment
+from gcs.faults.observer import Observer, Rules, Sight
 from gcs.faults.outcome import FaultRun, fly_faults, watch
 from gcs.faults.world import FaultyWorld
+from gcs.playbook.loader import load_playbook
 from gcs.playbook.schema import Playbook
 from gcs.relay.executor import Work
 from gcs.relay.journey import Journey
 from gcs.relay.leg_flight import LegFlight
 from gcs.relay.states import ReceiverState
+from gcs.relay.wary_filter import WaryFilter
 from gcs.report_checks import ReportChecks
 from gcs.simulate.virtual_time import VirtualClock, run_virtually
-from tests.gcs.simulate.small import small
+from gcs.stop_monitor import StopMonitor
+from tests.gcs.simulate.small import small, small_text
 
 Change = Callable[[FaultyWorld], None]
 
@@ -31,6 +35,14 @@ def playbook(tmp_path: Path) -> Playbook:
 @pytest.fixture
 def two(tmp_path: Path) -> Playbook:
     return small(tmp_path, two=True)
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Playbook:
+    """One receiver that hears three transmitters."""
+    path = tmp_path / "three.yaml"
+    path.write_text(small_text("planner: {method: joint}\n").replace("[100, 0]}", "[100, 0]}\n  L2: {at: [50, 120]}"))
+    return load_playbook(path)
 
 
 def fault(kind: Kind, state: str = "LEG_1", after_s: float = 1.0, target: str = "U1", **values) -> Fault:
@@ -90,6 +102,10 @@ def without_objections(world: FaultyWorld) -> None:
     world.executor.objection = lambda _: None
 
 
+def however_old(world: FaultyWorld) -> None:
+    world.feed._max_age_s = float("inf")
+
+
 def without_lease(world: FaultyWorld) -> None:
     for vehicle in world.vehicles.values():
         vehicle._limits = type(vehicle._limits)(lease_s=60.0)
@@ -109,6 +125,15 @@ def without_lease(world: FaultyWorld) -> None:
         fault("pilot_receiver"),
         fault("transmitter_silent", target="L1"),
         fault("pilot_transmitter", target="L1"),
+        fault("vehicle_reboot", for_s=3.0),
+        fault("battery_low"),
+        fault("service_stopped", for_s=5.0),
+        fault("service_killed"),
+        fault("link_loss", amount=0.5),
+        fault("link_duplication", amount=1.0),
+        fault("link_reordering", amount=0.5),
+        fault("link_delay", amount=1.0),
+        fault("link_jitter", amount=0.8),
         fault("report_reordering", amount=0.4),
         fault("report_duplication", amount=1.0),
         fault("report_loss", amount=0.5),
@@ -161,7 +186,8 @@ def test_a_monitor_that_never_suspends_and_a_lease_that_never_ends_are_found(
 def test_taking_stale_reports_for_news_is_found(playbook: Playbook, monkeypatch: pytest.MonkeyPatch) -> None:
     assert found(fly(playbook, fault("report_delay", amount=1.5))) == set()
     monkeypatch.setattr(ReportChecks, "problem", lambda *_: None)
-    assert "fresh_bearing" in found(fly(playbook, fault("report_delay", amount=1.5)))
+    assert found(fly(playbook, fault("report_delay", amount=1.5))) == set()  # what waits is looked at again
+    assert "fresh_bearing" in found(fly(playbook, fault("report_delay", amount=1.5), mutate=however_old))
 
 
 def test_commanding_a_pilot_s_vehicle_is_found(playbook: Playbook) -> None:
@@ -185,6 +211,17 @@ def test_coming_too_near_is_found_and_so_is_flying_on_there(two: Playbook) -> No
     assert run.closest_m < 4.0
 
 
+@pytest.mark.parametrize(
+    ("lied_to", "apart_m", "is_found"), [(False, 3.9, True), (True, 3.9, False), (True, 0.9, True)]
+)
+def test_who_is_lied_to_is_stopped_where_it_is_too_near_and_touches_nobody(
+    *, lied_to: bool, apart_m: float, is_found: bool
+) -> None:
+    observer = Observer(Rules(0.5, 0.5, 4.0, too_near_m=4.0, tolerance_m=3.0), ("U1",), lied_to=lied_to)
+    observer.look(1.0, {"U1": Sight(0j, 0j), "L1": Sight(complex(apart_m), 0j)})
+    assert bool(observer.findings.all) is is_found
+
+
 def test_placing_without_looking_is_found(playbook: Playbook) -> None:
     run = fly(playbook, work=blindly(2 + 0j, 5.0, placed=True))
     assert found(run) == {"placement"}
@@ -204,9 +241,59 @@ def test_a_lie_that_nothing_contradicts_is_counted_and_no_violation(playbook: Pl
     assert (run.outcome, run.wrong_placements, run.doubted_placements, run.violations) == ("formed", 1, 0, [])
 
 
-def test_a_lie_told_in_mid_leg_is_counted_as_one_that_was_doubted(playbook: Playbook) -> None:
+@pytest.mark.parametrize("amount", [0.03, -0.04, 0.05])
+def test_a_lie_told_in_mid_leg_is_not_believed(playbook: Playbook, amount: float) -> None:
+    run = fly(playbook, fault("sensor_bias", "LEG_2", amount=amount, of="L0"))
+    assert (run.outcome, run.wrong_placements, run.violations) == ("held", 0, [])
+    assert "it cannot have flown to" in run.reason
+
+
+def test_one_that_was_believed_is_counted_as_doubted(playbook: Playbook, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(WaryFilter, "_off_sigmas", lambda *_: 0.0)
     run = fly(playbook, fault("sensor_bias", "LEG_2", amount=0.05, of="L0"))
     assert (run.outcome, run.wrong_placements, run.doubted_placements, run.violations) == ("formed", 1, 1, [])
+
+
+def test_a_vehicle_that_does_not_fly_as_told_is_held_long_before_its_leg_s_time(three: Playbook) -> None:
+    run = fly(three, fault("link_cut"))
+    assert (run.outcome, run.violations) == ("held", [])
+    assert "does not fly as told" in run.reason
+    assert run.duration_s < run.struck_s[0] + 15.0
+
+
+def test_telling_a_vehicle_to_fly_that_does_not_is_found(playbook: Playbook) -> None:
+    assert found(fly(playbook, fault("link_cut"), work=blindly(2 + 0j, 20.0))) == {"followed"}
+
+
+def test_a_leg_that_does_not_end_is_held_at_its_limit(playbook: Playbook, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(StopMonitor, "arrived", lambda *_: False)
+    run = fly(playbook)
+    assert (run.outcome, run.violations) == ("held", [])
+    assert "the leg took longer than" in run.reason
+
+
+def test_an_empty_battery_is_not_flown_on_and_said(playbook: Playbook) -> None:
+    run = fly(playbook, fault("battery_low"))
+    assert (run.outcome, run.violations) == ("held", [])
+    assert "its battery is down to 5 %: land it" in run.reason
+
+
+def test_a_vehicle_that_reboots_is_its_pilot_s_when_it_is_back(playbook: Playbook) -> None:
+    run = fly(playbook, fault("vehicle_reboot", for_s=1.0))
+    assert (run.outcome, run.violations) == ("held", [])
+    assert "its mode was changed" in run.reason
+
+
+def test_a_stopped_service_moves_nobody_by_what_is_old(two: Playbook) -> None:
+    for for_s, outcome in ((1.0, "formed"), (8.0, "held")):
+        run = fly(two, fault("service_stopped", for_s=for_s))
+        assert (run.outcome, run.violations) == (outcome, [])
+        assert run.struck_s[0] is not None
+
+
+def test_a_killed_service_leaves_vehicles_that_stop_by_themselves(playbook: Playbook) -> None:
+    run = fly(playbook, fault("service_killed"))
+    assert (run.outcome, run.violations) == ("killed", [])
 
 
 def test_telling_to_fly_after_the_end_is_found(playbook: Playbook) -> None:
