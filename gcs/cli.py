@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import tempfile
 import traceback
@@ -19,6 +20,7 @@ from gcs.commands.copter import copter
 from gcs.commands.dashboard import dashboard
 from gcs.commands.faults import faults
 from gcs.commands.fly import demo, fly
+from gcs.commands.link_node import link_node
 from gcs.commands.monitor import monitor
 from gcs.commands.paper import paper
 from gcs.commands.plan import plan
@@ -55,6 +57,7 @@ for command in (
     replay,
     report,
     sensor,
+    link_node,
     schema,
     paper,
 ):
@@ -67,6 +70,9 @@ app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options"
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; every known failure is one message on standard error and exit status 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # what cannot be written must not hide what is said
     complain = Console(stderr=True)
     try:
         app(args=list(arguments) if arguments is not None else None, prog_name="bearing-relay")
@@ -93,7 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _save(error: BaseException) -> Path:
     """Keep the traceback of an internal error where the user can send it from."""
-    with tempfile.NamedTemporaryFile("w", prefix="bearing-relay-", suffix=".txt", delete=False) as file:
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="bearing-relay-", suffix=".txt", delete=False, encoding="utf-8", errors="backslashreplace"
+    ) as file:
         traceback.print_exception(error, file=file)
         return Path(file.name)
 

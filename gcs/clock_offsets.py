@@ -118,8 +118,12 @@ class ClockOffsets:
 
     def attach(self, bus: Bus, keys: SwarmKeys) -> None:
         """Ask and listen on a bus from now on."""
-        self._bus, self._keys = bus, keys
+        self.ask_on(bus, keys)
         bus.subscribe(keys.every_clock_pong, self.take)
+
+    def ask_on(self, bus: Bus, keys: SwarmKeys) -> None:
+        """Ask on a bus from now on; whoever listens there has `take` called."""
+        self._bus, self._keys = bus, keys
 
     async def run(self) -> None:
         """Ask every sensor in turn, each once a round, until cancelled."""

@@ -10,10 +10,14 @@ from gcs.relay.executor import RelayExecutor
 from gcs.relay.states import ENDED
 
 STOPPED = "stopped by the operator"
+TAKEOVER = "takeover"
+"""The operator's consent to giving on the vehicles of a lost link node, which it names."""
 
 
 def carry_out(request: ControlRequest, relay: RelayExecutor) -> ControlReply:
     """Do what the operator asks of a relay; the answer says what was done, or why not and the way out."""
+    if request.verb == TAKEOVER:
+        return _refused("this relay has no link nodes")
     if (request.vehicle is not None) is not (request.verb in _OF_ONE):
         return _refused(f"{request.verb} names " + ("one vehicle" if request.verb in _OF_ONE else "no vehicle"))
     if relay.ended:
@@ -36,6 +40,11 @@ def _resume(relay: RelayExecutor) -> ControlReply:
     if blocking := relay.blocking():
         words = ", ".join(f"release {name} or skip {name}" for name in blocking)
         return _refused(f"not resumed: {_names(blocking)} is not the service's to fly; first {words}")
+    if lost := sorted(set(relay.unreached.values())):
+        words = ", ".join(f"takeover {node}" for node in lost)
+        return _refused(
+            f"not resumed: {_names(sorted(relay.unreached))} cannot be reached; first {words}, or skip each"
+        )
     held = relay.held
     told = relay.resume()
     if held is None and not told:
@@ -53,7 +62,7 @@ def _skip(relay: RelayExecutor, name: str) -> ControlReply:
         return _unknown(relay, name)
     if name in relay.given_up:
         return _refused(f"{name} has been given up already")
-    if name not in relay.taken and (record is None or record.state in ENDED):
+    if name not in relay.taken and name not in relay.unreached and (record is None or record.state in ENDED):
         return _refused(f"{name} stands where it should: there is nothing to give up")
     relay.give_up(name, "given up by the operator")
     told = relay.users(name)
@@ -84,7 +93,7 @@ def _release(relay: RelayExecutor, name: str) -> ControlReply:
 
 _OF_ALL: dict[str, Callable[[RelayExecutor], ControlReply]] = {"hold": _hold, "resume": _resume, "abort": _abort}
 _OF_ONE: dict[str, Callable[[RelayExecutor, str], ControlReply]] = {"skip": _skip, "release": _release}
-VERBS = (*_OF_ALL, *_OF_ONE)
+VERBS = (*_OF_ALL, *_OF_ONE, TAKEOVER)
 
 
 def _done(message: str) -> ControlReply:

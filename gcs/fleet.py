@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Protocol
 
 from drivers.clock import Clock
 from drivers.mavlink.autopilots.base import Autopilot
@@ -12,9 +14,21 @@ from drivers.mavlink.checks import Verdict
 from drivers.mavlink.setpoints import SetpointStreamer, StreamLimits, StreamState
 from drivers.mavlink.vehicle import Vehicle
 from drivers.tasks import StartTask
+from gcs.nodes.remote_stream import RemoteStream
 from gcs.playbook.schema import Playbook
 from gcs.preflight.run import preflight
+from gcs.relay.executor import ReleasableLease
 from planner.plan import RelayPlan
+
+NOWHERE_ELSE: Final[Mapping[str, RemoteStream]] = MappingProxyType({})
+
+
+class Stream(ReleasableLease, Protocol):
+    """A vehicle's setpoint stream, here or at a link node."""
+
+    async def run(self) -> None:
+        """Stream until cancelled."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -23,7 +37,7 @@ class Member:
 
     vehicle: Vehicle
     autopilot: Autopilot
-    stream: SetpointStreamer
+    stream: Stream
 
 
 async def cleared_to_arm(
@@ -47,8 +61,11 @@ async def bring_up(
     clock: Clock,
     start: StartTask,
     members: dict[str, Member],
+    elsewhere: Mapping[str, RemoteStream] = NOWHERE_ELSE,
 ) -> None:
     """Bring every vehicle into guided flight at the playbook's altitude; each is a member as soon as its stream runs.
+
+    Those `elsewhere` are brought up by their link nodes, which stream to them.
 
     VehicleError, in a group, naming the one that refuses. The streams are silent, or hold, until a lease is first
     renewed. When they end, a vehicle whose guided flight ends with its stream is left in a hold of its own.
@@ -57,8 +74,12 @@ async def bring_up(
 
     async def bring_up_one(name: str, vehicle: Vehicle) -> None:
         autopilot = autopilots[name]
-        await autopilot.take_off(vehicle, playbook.flight.altitude_m)
-        stream = SetpointStreamer(vehicle, autopilot, playbook.flight.altitude_m, limits, clock)
+        if name in elsewhere:
+            await elsewhere[name].bring_up()
+            stream: Stream = elsewhere[name]
+        else:
+            await autopilot.take_off(vehicle, playbook.flight.altitude_m)
+            stream = SetpointStreamer(vehicle, autopilot, playbook.flight.altitude_m, limits, clock)
         members[name] = Member(vehicle, autopilot, stream)
         start(stream_for(members[name]))
 

@@ -1,4 +1,7 @@
-"""The links of a run: every physical link once, signed and recorded as asked for, and each vehicle on its own."""
+"""The links of a run: every physical link once, signed and recorded as asked for, and each vehicle on its own.
+
+Links at link nodes are opened there; the service has its end of them here.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import contextlib
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from types import MappingProxyType
+from typing import Final, Protocol
 
 from drivers.clock import Clock, SystemClock
 from drivers.mavlink.codec import Codec
@@ -18,12 +22,23 @@ from drivers.mavlink.signing_key import SigningKey
 from drivers.mavlink.transport import LinkAddress
 from drivers.mavlink.vehicle import Vehicle
 from drivers.simulation.sitl import Sitl
+from gcs.errors import ServiceError
+from gcs.nodes.desk import Share
 from gcs.playbook import links as written
 from gcs.playbook.schema import Playbook
 from gcs.takeovers import FrameLogs
 
+NO_SHARES: Final[Mapping[str, Share]] = MappingProxyType({})
 ANY_PORT: Final = 0
 """A port of the link's own, whichever is free."""
+
+
+class Watched(Protocol):
+    """A link that tells how it fares."""
+
+    def status(self, now_s: float) -> LinkStatus:
+        """Return how it fares by now."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -31,7 +46,7 @@ class FleetLinks:
     """The vehicles of a run by name, and the links they are behind."""
 
     vehicles: dict[str, Vehicle] = field(default_factory=dict)
-    behind: dict[Link, list[str]] = field(default_factory=dict)
+    behind: dict[Watched, list[str]] = field(default_factory=dict)
     """Every physical link, and the names of the vehicles that can be reached over it."""
 
     def statuses(self, now_s: float) -> list[tuple[str, LinkStatus]]:
@@ -50,16 +65,26 @@ class Way:
 
 @contextlib.asynccontextmanager
 async def open_links(
-    playbook: Playbook, clock: Clock, sitl: Sitl | None, tlogs: FrameLogs | None = None
+    playbook: Playbook,
+    clock: Clock,
+    sitl: Sitl | None,
+    tlogs: FrameLogs | None = None,
+    shares: Mapping[str, Share] = NO_SHARES,
 ) -> AsyncIterator[FleetLinks]:
     """Open every link of the playbook, or one for each vehicle to be simulated; yield the vehicles on them.
 
-    LinkError when a link cannot be opened or its signing key cannot be used.
+    `shares` are those on link nodes, whose links are opened there. LinkError when a link cannot be opened or its
+    signing key cannot be used; ServiceError when a vehicle is on a node and no nodes are served.
     """
+    _require_shares(playbook, shares)
     ways, fleet, opened = _ways(playbook, sitl), FleetLinks(), dict[LinkAddress, Link]()
     async with contextlib.AsyncExitStack() as stack:
-        signing = await _signing(ways, stack)
+        signing = await _signing({name: way for name, way in ways.items() if name not in shares}, stack)
         for name, way in ways.items():
+            if name in shares:
+                fleet.behind[shares[name].link] = [name]
+                fleet.vehicles[name] = Vehicle(name, way.system_id, shares[name].link, clock)
+                continue
             own: list[Link] = []
             for address in way.addresses:
                 link = None if address.port == ANY_PORT else opened.get(address)
@@ -73,6 +98,13 @@ async def open_links(
             channel = own[0] if len(own) == 1 else RedundantLink(way.system_id, own, clock)
             fleet.vehicles[name] = Vehicle(name, way.system_id, channel, clock)
         yield fleet
+
+
+def _require_shares(playbook: Playbook, shares: Mapping[str, Share]) -> None:
+    if missing := sorted(playbook.nodes.keys() - shares.keys()):
+        raise ServiceError(
+            f"{', '.join(missing)} is on a link node: that takes `bearing-relay fly`, and the nodes running"
+        )
 
 
 def _ways(playbook: Playbook, sitl: Sitl | None) -> Mapping[str, Way]:

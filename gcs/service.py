@@ -13,7 +13,7 @@ import msgspec
 
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import PositionReport, encode
-from drivers.bus.session import Bus
+from drivers.bus.session import Bus, LiveBus
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DriverError
 from drivers.mavlink.tlog import open_tlogs
@@ -29,6 +29,8 @@ from gcs.links import FleetLinks, open_links
 from gcs.monitor.access import Token, read_tokens
 from gcs.monitor.proven import ControlGuard
 from gcs.monitor.watched import watched
+from gcs.nodes.desk import NodeDesk
+from gcs.nodes.serving import desk_of, shares_of
 from gcs.playbook.schema import Playbook, Target
 from gcs.playbook.target import aimed, patient
 from gcs.recording.bus_address import FILE as BUS_FILE
@@ -143,12 +145,13 @@ async def _serve(
         journal = stack.enter_context(open_journal(folder.path / JOURNAL_FILE))
         group = await stack.enter_async_context(process_group(logs))
         endpoint = playbook.bus.router or await start_router(group)
-        bus = await stack.enter_async_context(joined(endpoint, playbook.bus.keys))
-        folder.write_json(BUS_FILE, msgspec.to_builtins(BusAddress(endpoint, playbook.name)))
+        bus = await stack.enter_async_context(joined(endpoint, playbook.bus.keys, insecure=playbook.bus.insecure))
+        folder.write_json(BUS_FILE, msgspec.to_builtins(BusAddress(endpoint, playbook.name, playbook.bus.insecure)))
         tlogs = await stack.enter_async_context(open_tlogs(folder.path / "tlogs", clock))
         counted = CountingLogs(tlogs)
-        fleet = await stack.enter_async_context(open_links(playbook, clock, sitl, counted))
-        taps = await stack.enter_async_context(tapped(playbook, fleet.vehicles))
+        desk = _nodes(playbook, folder, bus, clock, status)
+        fleet = await stack.enter_async_context(open_links(playbook, clock, sitl, counted, shares_of(desk)))
+        taps = await stack.enter_async_context(tapped(playbook, fleet.vehicles, clock))
         status.recording = lambda: tlogs.problem
         status.links = lambda: fleet.statuses(clock.now_s())
         for vehicle in fleet.vehicles.values():
@@ -162,7 +165,9 @@ async def _serve(
         simulation = Simulation(group, bus, SwarmKeys(playbook.name), taps)
         run = _run(playbook, plan, options, clock, bus, folder, journal, status, fleet, simulation)
         run.takeovers = Takeovers(counted.setpoints)
+        run.elsewhere = {name: share.stream for name, share in shares_of(desk).items()}
         await stack.enter_async_context(_recorded(run, token))
+        await stack.enter_async_context(_served(run, desk))
         await _staged(run, resumption)
         report = run.report()
     folder.write_json("report.json", report)
@@ -263,6 +268,54 @@ async def _recorded(run: Run, token: Token | None) -> AsyncIterator[None]:
             run.bus.serve(run.keys.control, ControlGuard(run.keys.swarm, _answering(run, recording), token).take)
             async with watched(run, recording):
                 yield
+
+
+def _nodes(playbook: Playbook, folder: RunFolder, bus: LiveBus, clock: Clock, status: RunStatus) -> NodeDesk | None:
+    """Return the desk for the link nodes of a playbook; None where it names none."""
+    if not playbook.nodes:
+        return None
+    return desk_of(playbook, folder.path, bus, clock, time.time_ns() // 1_000_000, status.say)
+
+
+@contextlib.asynccontextmanager
+async def _served(run: Run, desk: NodeDesk | None) -> AsyncIterator[None]:
+    """Serve the link nodes of a run while the block lasts; they have their vehicles when it begins.
+
+    The relay holds when one is lost, and the operator is told what his consent takes.
+    """
+    if desk is None:
+        yield
+        return
+
+    def lost(node: str, vehicles: list[str], reason: str) -> None:
+        named = ", ".join(vehicles) or "nobody"
+        told = f"link node {node} is lost: {reason}; its vehicles stop: {named}"
+        run.status.say(told, level="alert")
+        if vehicles:
+            run.tell(f"to have them taken over: bearing-relay control takeover {node}")
+        if run.relay is not None and not run.relay.ended and vehicles:
+            run.relay.lose_reach(node, vehicles, reason)
+
+    def back(vehicles: list[str]) -> None:
+        if run.relay is not None:
+            run.relay.regain_reach(vehicles)
+
+    desk.on_lost.append(lost)
+    desk.on_back.append(back)
+    desk.withheld = lambda: frozenset() if run.relay is None else run.relay.taken
+    run.operator.take_over = desk.take_over
+    run.status.phase = "waiting for the link nodes"
+    desk.attach()
+    problem: ServiceError | None = None
+    async with background(desk.run()):
+        try:
+            await desk.begin()
+        except ServiceError as error:
+            problem = error  # raised outside the block, by itself
+        else:
+            yield
+    if problem is not None:
+        raise problem
 
 
 def _answering(run: Run, recording: Recording) -> Callable[[bytes], bytes]:

@@ -68,6 +68,11 @@ class Takeovers:
     """How many setpoints each vehicle had been sent when it was taken."""
     _given_back: Counter[str] = field(default_factory=Counter)
     _system_ids: dict[str, int] = field(default_factory=dict)
+    _told: dict[str, Callable[[], int | None]] = field(default_factory=dict)
+
+    def ask(self, name: str, setpoints_after: Callable[[], int | None]) -> None:
+        """Have somebody else tell how many setpoints a vehicle was sent while it was not the service's."""
+        self._told[name] = setpoints_after
 
     def watch(self, vehicle: Vehicle, is_guided: Callable[[Heartbeat], bool]) -> None:
         """Follow a vehicle that is in guided flight now: any other mode from now on takes it from the service."""
@@ -90,6 +95,8 @@ class Takeovers:
 
     def setpoints_after(self, name: str) -> int | None:
         """Return how many setpoints a vehicle was sent while it was not the service's; None when it always was."""
+        if name in self._told:
+            return self._told[name]()
         if name not in self._taken_at and name not in self._given_back:
             return None
         since = self.setpoints[self._system_ids[name]] - self._taken_at[name] if name in self._taken_at else 0

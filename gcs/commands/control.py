@@ -16,7 +16,7 @@ from drivers.bus.messages import ControlReply, ControlRequest, MalformedMessageE
 from drivers.bus.security import with_keys
 from drivers.bus.session import BusEndpoint, open_bus
 from drivers.errors import BusError
-from gcs.commands.options import BusKeys, RunsDir
+from gcs.commands.options import BusKeys, InsecureBus, RunsDir
 from gcs.control import VERBS
 from gcs.errors import ServiceError
 from gcs.monitor.access import COMMAND_VARIABLE, read_tokens
@@ -31,15 +31,19 @@ def control(
         Verb,
         typer.Argument(
             help="hold: stop all; resume: go on, located anew; release VEHICLE: take it back from its pilot; "
-            "skip VEHICLE: give it up; abort: stop all and end the run"
+            "skip VEHICLE: give it up; takeover NODE: give on what a lost link node had; "
+            "abort: stop all and end the run"
         ),
     ],
-    vehicle: Annotated[str | None, typer.Argument(help="whom to release or skip", metavar="[VEHICLE]")] = None,
+    vehicle: Annotated[
+        str | None, typer.Argument(help="whom to release, skip or take over from", metavar="[VEHICLE]")
+    ] = None,
     connect: Annotated[str | None, typer.Option(help="the bus router of the run, tcp/HOST:PORT")] = None,
     swarm: Annotated[str | None, typer.Option(help="the swarm: the playbook's name")] = None,
     run: Annotated[Path | None, typer.Option(help="the folder of the run; without it the newest run")] = None,
     runs_dir: RunsDir = Path("runs"),
     keys: BusKeys = None,
+    insecure: InsecureBus = False,
     command_token_file: Annotated[
         Path | None,
         typer.Option(help=f"the token, where the run takes words only from its holders; else {COMMAND_VARIABLE}"),
@@ -47,10 +51,11 @@ def control(
 ) -> None:
     """Have a word with a relay that is being flown. Exit status 0: done, 1: refused, 2: not reached."""
     if connect is not None and swarm is not None:
-        address = BusAddress(connect, swarm)
+        address = BusAddress(connect, swarm, insecure)
     else:
         found = address_of(run or newest_run(runs_dir))
-        address = BusAddress(connect or found.endpoint, swarm or found.swarm)
+        meant = insecure or (found.insecure and connect is None)
+        address = BusAddress(connect or found.endpoint, swarm or found.swarm, meant)
     if re.fullmatch(NAME_PATTERN, address.swarm) is None:
         raise ServiceError(f"{address.swarm!r} is no name of a swarm: --swarm takes the playbook's name")
     reply = asyncio.run(
@@ -64,7 +69,7 @@ def control(
 
 async def _ask(address: BusAddress, keys: Path | None, request: ControlRequest, say: Words) -> ControlReply:
     key = SwarmKeys(address.swarm).control
-    async with open_bus(with_keys(BusEndpoint(address.endpoint), keys)) as bus:
+    async with open_bus(with_keys(BusEndpoint(address.endpoint, insecure=address.insecure), keys)) as bus:
         payload = await bus.ask(key, say(address.swarm, request))
     try:
         return decode(payload, ControlReply)

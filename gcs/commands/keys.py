@@ -54,16 +54,23 @@ def init(
         raise ServiceError(f"{name!r} is no name of a swarm: --swarm takes the playbook's name")
     if endpoint is None:
         raise ServiceError("where does the router listen? Give --router tls/HOST:PORT, or bus.router in the playbook")
-    made = configurations(name, list(playbook.uavs), endpoint, Authority(name, now(), days))
+    nodes = sorted(set(playbook.nodes.values()))
+    made = configurations(name, list(playbook.uavs), endpoint, Authority(name, now(), days), nodes)
     _write(out, made)
     table = Table(title=f"keys of {name} in {out}, for {days} days", title_style="bold", header_style="bold")
     table.add_column("file", no_wrap=True)
     table.add_column("belongs on", overflow="fold")
     for party in made:
-        table.add_row(party + SUFFIX, _FOR.get(party, f"the companion computer of {party.removeprefix('uav.')}"))
+        table.add_row(party + SUFFIX, _FOR.get(party) or _place_of(party))
     console = Console()
     console.print(table)
     console.print("Move each to where it belongs, over a way you trust, and delete it here.", soft_wrap=True)
+
+
+def _place_of(party: str) -> str:
+    """Return where the keys of a node or of a UAV belong."""
+    kind, _, name = party.partition(".")
+    return f"the machine of link node {name}" if kind == "node" else f"the companion computer of {name}"
 
 
 def _write(folder: Path, files: dict[str, str]) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
 
+from drivers.bus.keys import NAME_PATTERN
 from drivers.errors import LinkError
 from drivers.mavlink.transport import LinkAddress
 from gcs.playbook.sections import Name, Section
@@ -25,6 +26,9 @@ Link = Annotated[
     BeforeValidator(_read_link),
     WithJsonSchema({"type": "string", "pattern": r"^\s*((udpin|udpout|tcp):.+:\d{1,5}|serial:\S+:[1-9]\d{1,6})\s*$"}),
 ]
+
+
+NodeName = Annotated[str, StringConstraints(pattern=rf"^{NAME_PATTERN}$", max_length=64)]
 
 
 class Signing(Section):
@@ -55,6 +59,8 @@ class VehicleLayer(Section):
     system_id: Annotated[int, Field(ge=1, le=254)] | None = None
     autopilot: Literal["ardupilot", "px4"] | None = None
     signing: Signing | None = None
+    node: NodeName | None = None
+    """The link node that has the link; without one the service opens it itself."""
 
     def given(self) -> dict[str, Any]:
         """Return what it says."""
@@ -101,7 +107,12 @@ def layered(value: Any, fleet: VehicleLayer, types: Mapping[str, VehicleLayer]) 
 
 def clashes(vehicles: Mapping[str, VehicleLink], mavlink: Mavlink) -> list[str]:
     """Return what is wrong between the vehicles of a playbook, in words."""
-    return [*_shared_system_ids(vehicles, mavlink), *_repeated_links(vehicles), *_differing_keys(vehicles)]
+    return [
+        *_shared_system_ids(vehicles, mavlink),
+        *_repeated_links(vehicles),
+        *_differing_keys(vehicles),
+        *_unfit_for_nodes(vehicles),
+    ]
 
 
 def _shared_system_ids(vehicles: Mapping[str, VehicleLink], mavlink: Mavlink) -> Iterator[str]:
@@ -119,6 +130,17 @@ def _repeated_links(vehicles: Mapping[str, VehicleLink]) -> Iterator[str]:
     for name, at in vehicles.items():
         if len(set(at.links)) != len(at.links):
             yield f"{name} has the same link twice: a fallback is another one"
+
+
+def _unfit_for_nodes(vehicles: Mapping[str, VehicleLink]) -> Iterator[str]:
+    first: dict[str, str] = {}
+    for name, at in vehicles.items():
+        if at.node is not None and at.fallback:
+            yield f"{name} is on node {at.node} and has a fallback: a vehicle on a node has one link"
+        for link in at.links:
+            other = first.setdefault(link, name)
+            if vehicles[other].node != at.node:
+                yield f"{other} and {name} share {link} but not its node: a link is at one"
 
 
 def _differing_keys(vehicles: Mapping[str, VehicleLink]) -> Iterator[str]:

@@ -91,6 +91,8 @@ class RelayExecutor:
         """The vehicles that are not the service's to move, receivers and transmitters."""
         self.given_up: set[str] = set()
         """The receivers that are FAILED, and the transmitters that are not used any more."""
+        self.unreached: dict[str, str] = {}
+        """The vehicles that nobody speaks to now, and the lost link node of each."""
         self.ended = False
         self.waiting = False
         """Whether the relay waits for the operator's word."""
@@ -161,7 +163,8 @@ class RelayExecutor:
 
     def ways_out(self) -> list[str]:
         """Return the commands of the operator that change something while the relay does not go on."""
-        words = [f"{verb} {name}" for name in self.blocking() for verb in ("release", "skip")]
+        words = [f"takeover {node}" for node in sorted(set(self.unreached.values()))]
+        words += [f"{verb} {name}" for name in self.blocking() for verb in ("release", "skip")]
         return [f"bearing-relay control {word}" for word in (*(words or ["resume"]), "abort")]
 
     def blocking(self) -> list[str]:
@@ -204,6 +207,7 @@ class RelayExecutor:
     def give_up(self, name: str, reason: str) -> None:
         """Do without a vehicle from now on: a receiver is FAILED and hovers, a transmitter is not used any more."""
         self.given_up.add(name)
+        self.unreached.pop(name, None)
         self.standing.lose(name)
         self._cancel(name)
         record = self.records.get(name)
@@ -216,6 +220,31 @@ class RelayExecutor:
         """Stop all that fly at once and end the relay; return who flew."""
         self.ended = True
         return self.hold(reason)
+
+    def lose_reach(self, node: str, names: Iterable[str], reason: str) -> None:
+        """Hold: nobody speaks to these vehicles any more, their link node is lost. Where they went is not known.
+
+        Those in flight may be anywhere afterwards; no transmitter among them is trusted before it is found again.
+        """
+        lost = set(names) - self.given_up
+        self.unreached |= dict.fromkeys(lost, node)
+        flying = [name for name in lost if name in self.records and self.records[name].state in IN_FLIGHT]
+        self.hold(f"link node {node} is lost ({reason}), and with it {', '.join(sorted(lost)) or 'nobody'}")
+        for name in flying:
+            self.records[name].strayed = True
+        for name in lost:
+            self.standing.lose(name)
+            record = self.records.get(name)
+            if record is not None and record.state is ReceiverState.PLACED and name not in self._unverified:
+                self._unverified.append(name)
+
+    def regain_reach(self, names: Iterable[str]) -> None:
+        """Count on vehicles again that another link node has taken over; those that stood are located first."""
+        for name in set(names) & self.unreached.keys():
+            del self.unreached[name]
+            if name in self.standing.given and name not in self.taken | self.given_up:
+                self.standing.restore(name)
+        self._changed.set()
 
     def look(self) -> None:
         """Notice who was taken over by a pilot, and who was given back."""

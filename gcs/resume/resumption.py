@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.errors import ServiceError
-from gcs.fleet import stream_for
+from gcs.fleet import Member, stream_for
 from gcs.playbook.stage_rules import NamedStage
 from gcs.recording.journal import FILE
 from gcs.recording.journal_reading import Entry, StageChange, read_journal
@@ -49,9 +49,13 @@ class Resumption:
         run.autopilots = found.autopilots
         for name, autopilot in found.autopilots.items():
             withheld = name in run.resumed.withheld
-            run.members[name] = member_as_it_flies(
-                vehicles[name], autopilot, run.playbook.flight, run.clock, withheld=withheld
-            )
+            if name in run.elsewhere:
+                await run.elsewhere[name].adopt(withheld=withheld)
+                run.members[name] = Member(vehicles[name], autopilot, run.elsewhere[name])
+            else:
+                run.members[name] = member_as_it_flies(
+                    vehicles[name], autopilot, run.playbook.flight, run.clock, withheld=withheld
+                )
             run.start(stream_for(run.members[name]))
         return stages
 
