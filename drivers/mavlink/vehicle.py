@@ -249,6 +249,7 @@ _READERS: dict[int, Callable[[Vehicle, Message], None]] = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: Vehicle._read_system_time,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: Vehicle._read_timesync,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Vehicle._read_estimator,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Vehicle._read_estimator,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: Vehicle._read_system_status,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT: Vehicle._read_status_text,
     mavlink.MAVLINK_MSG_ID_COMMAND_ACK: Vehicle._read_ack,

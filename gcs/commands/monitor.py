@@ -11,10 +11,11 @@ from typing import Annotated
 import typer
 
 from drivers.bus.keys import NAME_PATTERN
-from gcs.commands.options import RunsDir
+from drivers.bus.session import BusEndpoint, require_closed
+from gcs.commands.options import BusKeys, InsecureBus, RunsDir
 from gcs.errors import ServiceError
 from gcs.monitor.access import read_tokens
-from gcs.monitor.client import RunClient
+from gcs.monitor.client import RunClient, joining
 from gcs.monitor.proven import proving
 from gcs.monitor.yielding import give_way
 from gcs.recording.bus_address import BusAddress, address_of, newest_run
@@ -29,6 +30,8 @@ def monitor(
     ] = None,
     run: Annotated[Path | None, typer.Option(help="the folder of the run; without it the newest run")] = None,
     runs_dir: RunsDir = Path("runs"),
+    keys: BusKeys = None,
+    insecure: InsecureBus = False,
     command_token_file: Annotated[
         Path | None,
         typer.Option(help="the token for commanding; without it, and without BEARING_RELAY_COMMAND_TOKEN, read-only"),
@@ -44,10 +47,13 @@ def monitor(
 
     def find() -> BusAddress:
         if connect is not None:
-            return BusAddress(connect, swarm or "")
+            return BusAddress(connect, swarm or "", insecure)
         found = address_of(run or newest_run(runs_dir))
-        return BusAddress(found.endpoint, swarm or found.swarm)
+        return BusAddress(found.endpoint, swarm or found.swarm, insecure or found.insecure)
 
+    if connect is not None and keys is None:
+        require_closed(BusEndpoint(connect, insecure=insecure))
     give_way()
     token = read_tokens(None, command_token_file).command
-    asyncio.run(show(RunClient(find, say=proving(token)), commands=token is not None))
+    client = RunClient(find, open_bus=joining(keys), say=proving(token))
+    asyncio.run(show(client, commands=token is not None))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import ipaddress
 import os
 import stat
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Final
 
+from drivers.bus.openness import is_loopback
 from gcs.errors import ServiceError
 
 VIEW_VARIABLE: Final = "BEARING_RELAY_VIEW_TOKEN"
@@ -102,16 +102,6 @@ def require_guarded(host: str, tokens: Tokens, *, tls: bool, insecure: bool) -> 
         raise ServiceError(
             f"{host} is not loopback: set a token for viewing with --view-token-file or {VIEW_VARIABLE}; {_MAKE_ONE}"
         )
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine reaches a host name or address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _digest(secret: str) -> bytes:

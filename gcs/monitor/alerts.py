@@ -1,8 +1,12 @@
-"""What is wrong in a run and what to do about it, the worst first; nothing while all is well."""
+"""What is wrong in a run and what to do about it, the worst first; nothing while all is well.
+
+`run_alerts` are those that a run knows by itself; `alerts` adds what its telemetry, bearings, bus and recording tell.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from drivers.bus.run_messages import (
@@ -16,44 +20,58 @@ from drivers.bus.run_messages import (
 )
 from drivers.mavlink.link_status import LinkState, LinkStatus
 from gcs.monitor.sources import RunSources
-from gcs.monitor.troubles import link_trouble
-from gcs.relay.states import IN_FLIGHT
+from gcs.relay.records import ReceiverRecord
+from gcs.relay.states import IN_FLIGHT, ReceiverState
 from gcs.safety import SafetyLimits
-from gcs.status import RelayView
+from gcs.status import RelayView, RunStatus
 
 LOW_BATTERY_PERCENT: Final = 30
 EMPTY_BATTERY_PERCENT: Final = 15
 OLD_BEARING_S: Final = 0.5
 SILENT_S: Final = SafetyLimits().telemetry_gap_s
+WORTH_SAYING_LOSS: Final = 0.01
+WORTH_SAYING_SILENCE_S: Final = 0.5
 
 _LEVELS: Final[tuple[Level, ...]] = ("alert", "warning", "info")
 _IN_FLIGHT: Final = frozenset(state.value for state in IN_FLIGHT)
 _CONTROL: Final = "bearing-relay control"
 _LAND_IT: Final = "it hovers: land it from another station"
-_HALTED: Final = ("PILOT", "HELD", "FAILED")
+_HALTED: Final = (ReceiverState.PILOT, ReceiverState.HELD, ReceiverState.FAILED)
+
+
+def run_alerts(status: RunStatus) -> list[Alert]:
+    """Return what whoever started the run should know or do now."""
+    found = [
+        *_of_question(status.asked),
+        *_of_relay(status),
+        *_of_halted(status),
+        *_of_takeovers(status),
+        *_of_links(status.links()),
+        *_of_recording(status.recording()),
+    ]
+    return _worst_first(found)
 
 
 def alerts(
     sources: RunSources,
     receivers: Sequence[ReceiverStatus],
     vehicles: Sequence[VehicleState],
-    links: Sequence[tuple[str, LinkStatus]],
     bus: BusHealth,
     recording: RecordingHealth,
 ) -> list[Alert]:
     """Return everything that somebody at the field should know or do now."""
-    ended = sources.status.phase in ENDED_PHASES
     found = [
-        *_of_question(sources.status.asked),
-        *(() if ended else _of_relay(sources.status.relay)),
-        *_of_halted(receivers, ended=ended),
-        *_of_takeovers(sources.status.relay, receivers),
+        *run_alerts(sources.status),
         *_of_bus(bus),
         *_of_flights(receivers),
         *_of_vehicles(vehicles, sources.setup.min_separation_m),
-        *_of_links(links),
-        *_of_recording(recording, sources.status.recording()),
+        *(() if recording.problem == sources.status.recording() else _of_recording(recording.problem)),
+        *_of_dropped(recording.dropped),
     ]
+    return _worst_first(found)
+
+
+def _worst_first(found: Iterable[Alert]) -> list[Alert]:
     return sorted(found, key=lambda alert: _LEVELS.index(alert.level))
 
 
@@ -62,28 +80,41 @@ def _of_question(asked: str | None) -> Iterator[Alert]:
         yield Alert("alert", "run", asked, f"{_CONTROL} resume, or abort")
 
 
-def _of_relay(relay: RelayView | None) -> Iterator[Alert]:
-    if relay is not None and relay.held is not None:
-        yield Alert("alert", "relay", f"holds: {relay.held}", " or ".join(relay.ways_out()))
+def _holding(status: RunStatus) -> RelayView | None:
+    """Return the relay while it is held and can go on."""
+    relay = status.relay
+    return None if relay is None or relay.held is None or status.phase in ENDED_PHASES else relay
 
 
-def _of_halted(receivers: Sequence[ReceiverStatus], *, ended: bool) -> Iterator[Alert]:
-    alike: dict[tuple[str, str], list[str]] = {}
-    for receiver in receivers:
-        if receiver.state in _HALTED:
-            alike.setdefault((receiver.state, receiver.reason), []).append(receiver.name)
+def _of_relay(status: RunStatus) -> Iterator[Alert]:
+    if (relay := _holding(status)) is not None:
+        stopped = ", ".join(record.name for record in status.records.values() if _stopped_with(relay, record))
+        text = f"holds: {relay.held}" + (f"; stopped: {stopped}" if stopped else "")
+        yield Alert("alert", "relay", text, " or ".join(relay.ways_out()))
+
+
+def _stopped_with(relay: RelayView | None, record: ReceiverRecord) -> bool:
+    """Return whether a receiver is held for no reason but the relay's: it needs no alert of its own."""
+    return relay is not None and record.state is ReceiverState.HELD and record.reason == relay.held
+
+
+def _of_halted(status: RunStatus) -> Iterator[Alert]:
+    alike: dict[tuple[ReceiverState, str], list[str]] = {}
+    for record in status.records.values():
+        if record.state in _HALTED and not _stopped_with(_holding(status), record):
+            alike.setdefault((record.state, record.reason), []).append(record.name)
     for (state, reason), names in sorted(alike.items(), key=lambda entry: _HALTED.index(entry[0][0])):
         way_out = {
-            "PILOT": f"give it back in its guided mode, then {_CONTROL} release {names[0]}",
-            "HELD": f"{_CONTROL} resume",
-            "FAILED": _LAND_IT,
+            ReceiverState.PILOT: f"give it back in its guided mode, then {_CONTROL} release {names[0]}",
+            ReceiverState.HELD: f"{_CONTROL} resume",
+            ReceiverState.FAILED: _LAND_IT,
         }[state]
-        way_out = _LAND_IT if ended else way_out
-        yield Alert("alert", ", ".join(names), f"{state}: {reason}", way_out)
+        way_out = _LAND_IT if status.phase in ENDED_PHASES else way_out
+        yield Alert("alert", ", ".join(names), f"{state.value}: {reason}", way_out)
 
 
-def _of_takeovers(relay: RelayView | None, receivers: Sequence[ReceiverStatus]) -> Iterator[Alert]:
-    others = set() if relay is None else set(relay.taken) - {receiver.name for receiver in receivers}
+def _of_takeovers(status: RunStatus) -> Iterator[Alert]:
+    others = set() if status.relay is None else status.relay.taken - status.records.keys()
     for name in sorted(others):
         yield Alert("alert", name, "its pilot has it: no longer trusted to stand", f"{_CONTROL} release {name}")
 
@@ -133,9 +164,28 @@ def _of_links(links: Sequence[tuple[str, LinkStatus]]) -> Iterator[Alert]:
             yield Alert("alert" if grave else "warning", vehicles, text, "check antenna, range and power")
 
 
-def _of_recording(recording: RecordingHealth, links_problem: str | None) -> Iterator[Alert]:
-    for problem in dict.fromkeys(filter(None, (recording.problem, links_problem))):
+def link_trouble(link: LinkStatus) -> str:
+    """Return what is wrong with a link, in words; nothing while it fares well."""
+    troubles: list[str] = []
+    if link.state is LinkState.DOWN:
+        troubles.append("down, tried again")
+    elif math.isinf(link.silent_for_s):
+        troubles.append("nothing heard yet")
+    if link.loss_ratio is not None and link.loss_ratio >= WORTH_SAYING_LOSS:
+        troubles.append(f"{100.0 * link.loss_ratio:.0f} % lost")
+    if WORTH_SAYING_SILENCE_S <= link.silent_for_s < math.inf:
+        troubles.append(f"silent {link.silent_for_s:.1f} s")
+    if link.contested_system_ids:
+        troubles.append(f"two autopilots with system id {', '.join(map(str, link.contested_system_ids))}")
+    return ", ".join(troubles)
+
+
+def _of_recording(problem: str | None) -> Iterator[Alert]:
+    if problem:
         yield Alert("warning", "recording", problem, "the flight goes on; free the disk before the next")
-    if recording.dropped:
-        text = f"{recording.dropped} messages are missing in flight.mcap"
+
+
+def _of_dropped(dropped: int) -> Iterator[Alert]:
+    if dropped:
+        text = f"{dropped} messages are missing in flight.mcap"
         yield Alert("warning", "recording", text, "use a faster disk next time")

@@ -11,8 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from drivers.bus.openness import is_loopback
 from gcs.errors import ServiceError
-from gcs.monitor.access import is_loopback, read_tokens
+from gcs.monitor.access import read_tokens
 
 LOG: Final = "dashboard.log"
 _ENDS_WITHIN_S: Final = 3.0

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 from drivers.bus.keys import SwarmKeys
@@ -27,6 +28,7 @@ from drivers.bus.run_messages import (
     RunState,
     decode_run,
 )
+from drivers.bus.security import with_keys
 from drivers.bus.session import Bus, BusEndpoint, open_bus
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BusError
@@ -44,6 +46,21 @@ LOST_S: Final = 2.0
 """A state older than this is shown as old."""
 
 OpenBus = Callable[[BusEndpoint], AbstractAsyncContextManager[Bus]]
+
+
+def joining(keys: Path | None) -> OpenBus:
+    """Return what opens a bus with one's file of `keys init`, or without one. BusError when the file is no good."""
+    if keys is None:
+        return open_bus
+    with_keys(BusEndpoint("tls/localhost:7447"), keys)  # what is wrong with the file is said now
+
+    def join(endpoint: BusEndpoint) -> AbstractAsyncContextManager[Bus]:
+        try:
+            return open_bus(with_keys(endpoint, keys))
+        except BusError as error:
+            raise ServiceError(f"{error}. An open bus is joined without --keys.") from error
+
+    return join
 
 
 @dataclass
@@ -122,18 +139,19 @@ class RunClient:
 
     async def _open_and_attend(self, address: BusAddress) -> None:
         try:
-            async with self.open_bus(BusEndpoint(address.endpoint)) as bus:
+            async with self.open_bus(BusEndpoint(address.endpoint, insecure=address.insecure)) as bus:
                 await self._attend(bus, address)
         except BusError as error:
+            keys = ", and give --keys if it is closed to strangers" if address.endpoint.startswith("tls/") else ""
             self.problem = (
-                f"the bus at {address.endpoint} cannot be reached: check that the service runs, and its router"
+                f"the bus at {address.endpoint} cannot be reached: check that the service runs, and its router{keys}"
             )
             log.debug("%s", error)
 
     async def _attend(self, bus: Bus, address: BusAddress) -> None:
         """Take in what is said on a bus until the run is somewhere else, or the router is gone."""
         keys = SwarmKeys(address.swarm or await self._only_swarm(bus))
-        self._bus, self.address, self.problem = bus, BusAddress(address.endpoint, keys.swarm), None
+        self._bus, self.address, self.problem = bus, BusAddress(address.endpoint, keys.swarm, address.insecure), None
         bus.subscribe(keys.state, self._take_state)
         bus.subscribe(keys.events, self._take_event)
         while bus.connected() and self.find() == address:
@@ -233,8 +251,10 @@ class RunClient:
 
 
 @contextlib.asynccontextmanager
-async def following(find: Callable[[], BusAddress], say: Words = plainly) -> AsyncIterator[RunClient]:
+async def following(
+    find: Callable[[], BusAddress], say: Words = plainly, join: OpenBus = open_bus
+) -> AsyncIterator[RunClient]:
     """Follow a run while the block lasts."""
-    client = RunClient(find, say=say)
+    client = RunClient(find, open_bus=join, say=say)
     async with background(client.follow()):
         yield client

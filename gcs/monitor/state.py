@@ -36,7 +36,7 @@ class StateTeller:
             phase=status.phase,
             elapsed_s=status.elapsed_s(),
             setup=sources.setup.number,
-            alerts=alerts(sources, receivers, vehicles, links, bus, recording),
+            alerts=alerts(sources, receivers, vehicles, bus, recording),
             held=None if relay is None else relay.held,
             waiting=relay is not None and relay.waiting,
             ways_out=relay.ways_out() if relay is not None and relay.waiting else [],

@@ -12,23 +12,16 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from gcs.monitor.troubles import link_troubles, relay_troubles
+from gcs.monitor.alerts import run_alerts
+from gcs.monitor.terminal_app.views import alert_lines
+from gcs.monitor.terminal_app.words import state_style
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.states import ReceiverState
 from gcs.status import RunStatus
 
 REFRESH_S: Final = 0.2
 _MESSAGES_SHOWN: Final = 5
-
-_STYLES: Final = {
-    ReceiverState.WAITING: "dim",
-    ReceiverState.PLACED: "green",
-    ReceiverState.HELD: "bold red",
-    ReceiverState.PILOT: "bold magenta",
-    ReceiverState.FAILED: "bold red",
-}
-_MOVING_STYLE: Final = "cyan"
-_TROUBLE_STYLE: Final = "red"
+_ALERTS_SHOWN: Final = 6
 
 
 async def show_progress(console: Console, status: RunStatus) -> None:
@@ -75,10 +68,9 @@ def progress_view(status: RunStatus) -> Group:
     for name in ("angle °", "stop °", "to go m", "off line m"):
         table.add_column(name, justify="right", no_wrap=True)
     for record in status.records.values():
-        table.add_row(*_progress_row(record), style=_STYLES.get(record.state, _MOVING_STYLE))
-    troubles = [Text(line, style=_TROUBLE_STYLE) for line in (*relay_troubles(status), *link_troubles(status))]
+        table.add_row(*_progress_row(record), style=state_style(record.state.value))
     messages = [Text(f"{time_s:7.1f} s  {text}") for time_s, text in list(status.messages)[-_MESSAGES_SHOWN:]]
-    return Group(head, table, *troubles, *messages)
+    return Group(head, table, alert_lines(run_alerts(status), _ALERTS_SHOWN), *messages)
 
 
 def _progress_row(record: ReceiverRecord) -> tuple[str, ...]:
@@ -105,11 +97,10 @@ def result_table(report: Mapping[str, Any]) -> Table:
     for receiver in report["receivers"]:
         legs = receiver["legs"]
         errors = [leg["stop_angle_error_deg"] for leg in legs if leg["stop_angle_error_deg"] is not None]
-        style = _STYLES.get(ReceiverState(receiver["state"]), _MOVING_STYLE)
         table.add_row(
             receiver["name"],
             receiver["slot"],
-            Text(receiver["state"], style=style),
+            Text(receiver["state"], style=state_style(receiver["state"])),
             receiver["route_model"],
             f"{sum(leg['planned_length_m'] for leg in legs):.2f}",
             f"{sum(leg['flown_length_m'] or 0.0 for leg in legs):.2f}",

@@ -24,7 +24,12 @@ _GOOD: Final = (
     | mavlink.ESTIMATOR_POS_HORIZ_ABS
     | mavlink.ESTIMATOR_POS_VERT_ABS
 )
-_BAD: Final = mavlink.ESTIMATOR_CONST_POS_MODE | mavlink.ESTIMATOR_GPS_GLITCH | mavlink.ESTIMATOR_ACCEL_ERROR
+_BAD: Final = (
+    mavlink.ESTIMATOR_CONST_POS_MODE
+    | mavlink.ESTIMATOR_GPS_GLITCH  # in ArduPilot's message: not initialised
+    | mavlink.ESTIMATOR_ACCEL_ERROR
+    | mavlink.EKF_GPS_GLITCHING
+)
 
 
 def vehicle_states(sources: RunSources) -> list[VehicleState]:

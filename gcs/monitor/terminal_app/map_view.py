@@ -66,10 +66,11 @@ def formation_map(
 ) -> Text:
     """Return the formation from above: `o` slots, `*` transmitters on the air, arrows who flies, `x` planned turns.
 
-    Up is north, or the left of the formation's axis.
+    Up is north, or the left of the formation's axis. Circles of a few metres around vehicles would be smaller than a
+    character: instead the last line but one says which two are closest, beside how far apart they are kept.
     """
     turn = cmath.exp(1j * (math.pi / 2.0 - setup.axis_azimuth_rad)) if north_up else 1 + 0j
-    canvas = _canvas(setup, state, turn, columns, rows - 1)
+    canvas = _canvas(setup, state, turn, columns, rows - 2)
     for corner, following in zip(setup.fence, [*setup.fence[1:], *setup.fence[:1]], strict=True):
         canvas.line(complex(*corner), complex(*following), "#", "dim")
     for route in setup.routes:
@@ -94,7 +95,14 @@ def formation_map(
     legend = (
         f"{up} (n turns), a column is {canvas.metres_per_column:.1f} m: * on the air  + silent  o slot  x turn  . track"
     )
-    return Text.assemble(canvas.text(), "\n", (legend[:columns], "dim"))
+    return Text.assemble(canvas.text(), "\n", _closest(state, setup)[:columns], "\n", (legend[:columns], "dim"))
+
+
+def _closest(state: RunState, setup: RunSetup) -> str:
+    """Return which two vehicles are closest to each other, and how far apart they are kept."""
+    distances = [(each.nearest_m, each.name, each.nearest) for each in state.vehicles if each.nearest_m is not None]
+    closest = "nobody yet" if not distances else "{1} and {2} {0:.1f} m".format(*min(distances))
+    return f"closest: {closest}; they are kept {setup.min_separation_m:g} m apart"
 
 
 def _arrow(vehicle: VehicleState, turn: complex) -> str:

@@ -22,6 +22,8 @@ class RunFinder:
     connect: str | None = None
     swarm: str | None = None
     """Without it the only one on that bus."""
+    insecure: bool = False
+    """Whether strangers may be on that bus."""
     folder: Path | None = None
     """The folder of the run found last, when it is on this machine."""
 
@@ -34,10 +36,10 @@ class RunFinder:
     def find(self) -> BusAddress:
         """Return where the run's bus is. ServiceError when there is none yet."""
         if self.connect is not None:
-            return BusAddress(self.connect, self.swarm or "")
+            return BusAddress(self.connect, self.swarm or "", self.insecure)
         self.folder = self.run or newest_run(self.runs_dir)
         found = address_of(self.folder)
-        return BusAddress(found.endpoint, self.swarm or found.swarm)
+        return BusAddress(found.endpoint, self.swarm or found.swarm, self.insecure or found.insecure)
 
     def report(self) -> Path | None:
         """Return the run's report, when it has been written and is on this machine."""

@@ -18,7 +18,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gcs.monitor.access import Role, Tokens, is_loopback
+from drivers.bus.openness import is_loopback
+from gcs.monitor.access import Role, Tokens
 from gcs.monitor.web.attempts import Attempts
 from gcs.monitor.web.sessions import Session, Sessions
 

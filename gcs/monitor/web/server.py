@@ -8,11 +8,13 @@ from typing import Final
 
 import uvicorn
 
+from drivers.bus.openness import is_loopback
+from drivers.bus.session import open_bus
 from drivers.clock import SystemClock
 from drivers.process import until_told_to_stop
 from drivers.tasks import background
-from gcs.monitor.access import Tokens, is_loopback, require_guarded
-from gcs.monitor.client import following
+from gcs.monitor.access import Tokens, require_guarded
+from gcs.monitor.client import OpenBus, following
 from gcs.monitor.proven import proving
 from gcs.monitor.web.app import dashboard_app
 from gcs.monitor.web.finding import RunFinder
@@ -26,6 +28,7 @@ async def serve(
     tokens: Tokens,
     finder: RunFinder,
     *,
+    join: OpenBus = open_bus,
     parent_pid: int | None = None,
     ready: Callable[[], None] = lambda: None,
 ) -> None:
@@ -36,7 +39,7 @@ async def serve(
     require_guarded(place.host, tokens, tls=place.tls, insecure=place.insecure)
     require_certificate(place)
     with listening(place) as listener:
-        async with following(finder.find, proving(tokens.command)) as client:
+        async with following(finder.find, proving(tokens.command), join) as client:
             gate = dashboard_app(client, finder, tokens, SystemClock(), tls=place.tls, loopback=is_loopback(place.host))
             server = _Server(_configuration(place, gate))
             async with background(_end(server, parent_pid)):

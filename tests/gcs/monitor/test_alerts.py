@@ -67,6 +67,14 @@ def test_those_halted_alike_are_one_alert(world: ToldWorld) -> None:
     ]
 
 
+def test_those_whom_only_the_relay_holds_are_told_with_it(world: ToldWorld) -> None:
+    for name in ("U1", "U2"):
+        record = world.executor.records[name]
+        record.state, record.reason = ReceiverState.HELD, "held by the operator"
+    world.status.relay = Relay(held="held by the operator")
+    assert (alert(world).subject, alert(world).text) == ("relay", "holds: held by the operator; stopped: U1, U2")
+
+
 def test_when_the_run_has_ended_nobody_is_told_to_resume(world: ToldWorld) -> None:
     record = world.executor.records["U1"]
     record.state, record.reason = ReceiverState.HELD, "stopped by the operator"
@@ -117,7 +125,9 @@ def test_a_battery_that_runs_out(world: ToldWorld, percent: int | None, level: s
     assert [(each.level, each.subject) for each in alerts(world)] == ([] if level is None else [(level, "U2")])
 
 
-@pytest.mark.parametrize(("flags", "alarmed"), [(0, False), (0x33F, False), (0x3BF, True), (0x127, True)])
+@pytest.mark.parametrize(
+    ("flags", "alarmed"), [(0, False), (0x33F, False), (0x3BF, True), (0x127, True), (0x833F, True)]
+)
 def test_a_poor_position_estimate(world: ToldWorld, flags: int, alarmed: bool) -> None:
     world.sources.vehicles["U1"].telemetry.estimator_flags = flags
     assert bool(alerts(world)) is alarmed

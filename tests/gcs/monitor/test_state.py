@@ -170,7 +170,7 @@ def test_a_held_relay_has_no_time_to_go_and_says_what_helps(flown) -> None:
     assert (state.held, state.waiting, state.to_go_s) == ("held by the operator", True, None)
     assert state.ways_out == ["bearing-relay control resume", "bearing-relay control abort"]
     assert state.receivers[0].to_go_s is None
-    assert [(alert.level, alert.subject) for alert in state.alerts] == [("alert", "relay"), ("alert", "U1")]
+    assert [(alert.level, alert.subject) for alert in state.alerts] == [("alert", "relay")]
     assert "bearing-relay control resume" in state.alerts[0].way_out
 
 

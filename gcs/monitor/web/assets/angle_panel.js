@@ -2,7 +2,7 @@
 import { computed, watch } from "vue";
 import { useCanvas } from "/assets/canvas.js";
 import { age, course, degrees, inDegrees, metres, rate, seconds, signedMetres, speed } from "/assets/format.js";
-import { angles, drawn, inFocus, receivers, selected } from "/assets/store.js";
+import { angles, drawn, ended, inFocus, receivers, selected } from "/assets/store.js";
 
 const LEFT = 52;
 const RIGHT = 14;
@@ -25,6 +25,7 @@ export default {
     const toGo = computed(() => (leg.value?.angle_rad === undefined ? null : angleLeft(leg.value)));
     const quality = computed(() => {
       const { age_s: old, sigma_rad: sigma } = bearings.value;
+      if (ended.value) return "no longer heard";
       if (old === undefined) return "no bearings";
       if (old > 0.5) return "old";
       return sigma !== undefined && inDegrees(sigma) > 2 ? "noisy" : "good";
@@ -40,7 +41,7 @@ export default {
   template: `
     <section class="panel angle-panel" aria-labelledby="angle-title">
       <header>
-        <h2 id="angle-title">In motion</h2>
+        <h2 id="angle-title">{{ flying.length || !inFocus ? "In motion" : "Last in motion" }}</h2>
         <span class="tools">
           <button v-for="receiver in flying.slice(0, 8)" :key="receiver.name" type="button" :aria-pressed="receiver.name === inFocus?.name"
             @click="selected = receiver.name">{{ receiver.name }}</button>

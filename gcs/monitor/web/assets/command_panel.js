@@ -29,7 +29,7 @@ export default {
         <div class="commands">
           <press-button word="hold" label="Hold all" :hold-ms="400" tone="stop" about="stops every vehicle in flight; resume goes on" @done="ask('hold')"></press-button>
           <press-button word="resume" label="Resume" :hold-ms="800" tone="go" about="locates every held vehicle anew and goes on" @done="ask('resume')"></press-button>
-          <press-button word="abort" label="Abort" :hold-ms="1500" tone="stop" about="stops every vehicle and ends the run" @done="ask('abort')"></press-button>
+          <press-button word="abort" label="Abort" :hold-ms="1500" tone="careful" about="stops every vehicle and ends the run" @done="ask('abort')"></press-button>
         </div>
         <div class="commands">
           <label class="whom">Vehicle <select v-model="whom"><option value="">choose …</option><option v-for="name in names" :key="name" :value="name">{{ name }}{{ taken.has(name) ? " (PILOT)" : "" }}</option></select></label>

@@ -36,7 +36,8 @@ export default {
     <section class="panel health-panel" aria-labelledby="health-title">
       <header><h2 id="health-title">Health</h2>
         <label class="note"><input type="checkbox" v-model="onlyTroubled"> only what is not well ({{ rows.filter((row) => row.troubled).length }})</label></header>
-      <ul class="shared">
+      <p v-if="!state" class="empty">Nothing is heard yet.</p>
+      <ul v-else class="shared">
         <li :class="{bad: state?.bus?.connected === false}"><i aria-hidden="true">{{ state?.bus?.connected === false ? "✕" : "✓" }}</i> bus {{ state?.bus?.connected === false ? "gone" : "connected" }}<template v-if="state?.bus?.strangers">, {{ state.bus.strangers }} reports of strangers</template></li>
         <li :class="{bad: recording.problem || recording.dropped}"><i aria-hidden="true">{{ recording.problem || recording.dropped ? "✕" : "✓" }}</i> recording {{ recording.problem || (recording.dropped ? recording.dropped + " messages missing" : "complete") }}</li>
       </ul>

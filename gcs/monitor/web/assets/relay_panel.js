@@ -1,7 +1,7 @@
 // The relay: a row per receiver with its state, what it flies and how far it still is, and its time line beside it.
 import { computed, ref } from "vue";
 import { clock, course, metres, stateOf } from "/assets/format.js";
-import { onAir, receivers, select, selected, setup, spans, state } from "/assets/store.js";
+import { ended, onAir, receivers, select, selected, setup, spans, state } from "/assets/store.js";
 
 const SHORT = { LOCATING: "loc", LEG_1: "1", LEG_2: "2", VERIFYING: "ver", TRIMMING: "trim", PLACED: "✓", HELD: "‖", PILOT: "✋︎", FAILED: "✕" };
 
@@ -45,11 +45,11 @@ export default {
     const sorted = computed(() =>
       [...receivers.value].filter((one) => !onlyOnTheirWay.value || one.state !== "PLACED").sort((a, b) => a.wave - b.wave),
     );
-    return { bars, clock, doing, metres, nowLeft, onAir, onlyOnTheirWay, planned, receivers, select, selected, sorted, stateOf, state, ticks };
+    return { bars, clock, doing, ended, metres, nowLeft, onAir, onlyOnTheirWay, planned, receivers, select, selected, sorted, stateOf, state, ticks };
   },
   template: `
     <section class="panel relay-panel" aria-labelledby="relay-title">
-      <header><h2 id="relay-title">Relay</h2><span class="note">{{ clock(state?.to_go_s) }} to go</span>
+      <header><h2 id="relay-title">Relay</h2><span class="note" v-if="!ended">{{ clock(state?.to_go_s) }} to go</span>
         <label class="note"><input type="checkbox" v-model="onlyOnTheirWay"> without the placed</label></header>
       <p v-if="!sorted.length" class="empty">{{ receivers.length ? "All are placed." : "No receivers yet." }}</p>
       <div v-else class="scroll" tabindex="0" role="region" aria-labelledby="relay-title">
@@ -57,7 +57,7 @@ export default {
         <thead role="rowgroup"><tr role="row">
           <th role="columnheader" scope="col">UAV → slot</th><th role="columnheader" scope="col" class="n">wave</th>
           <th role="columnheader" scope="col">state</th><th role="columnheader" scope="col" class="doing">doing</th>
-          <th role="columnheader" scope="col" class="n">to go</th><th role="columnheader" scope="col" class="n">time</th>
+          <th role="columnheader" scope="colgroup" class="n" colspan="2">to go</th>
           <th role="columnheader" scope="col" class="gantt"><span class="unseen">time line</span>
             <span class="ticks" aria-hidden="true"><i v-for="tick in ticks" :key="tick.words" :style="{left: tick.left}">{{ tick.words }}</i></span></th>
         </tr></thead>
@@ -66,9 +66,9 @@ export default {
             <th role="rowheader" scope="row"><button type="button" class="name" :aria-pressed="selected === receiver.name" @click="select(receiver.name)">{{ receiver.name }}</button> → {{ receiver.slot }}<span v-if="onAir.has(receiver.name)" class="air" title="on the air"> ◉<span class="unseen"> on the air</span></span></th>
             <td role="cell" class="n">{{ receiver.wave }}</td>
             <td role="cell"><span :class="['state', stateOf(receiver.state).kind]"><i aria-hidden="true">{{ stateOf(receiver.state).sign }}</i> {{ receiver.state.replace("_", " ") }}</span></td>
-            <td role="cell" class="doing" :title="doing(receiver)">{{ doing(receiver) }}</td>
-            <td role="cell" class="n">{{ receiver.leg ? metres(receiver.leg.remaining_m) : "–" }}</td>
-            <td role="cell" class="n">{{ receiver.state === "PLACED" ? "–" : clock(receiver.to_go_s) }}</td>
+            <td role="cell" class="doing">{{ doing(receiver) }}</td>
+            <td role="cell" class="n">{{ receiver.leg ? metres(receiver.leg.remaining_m) : "" }}</td>
+            <td role="cell" class="n">{{ ended || receiver.state === "PLACED" ? "" : clock(receiver.to_go_s) }}</td>
             <td role="cell" class="gantt"><div class="lane" aria-hidden="true">
               <span class="planned" :style="planned.get(receiver.name)"></span>
               <span v-for="bar in bars(receiver.name)" :key="bar.from" :class="['bar', bar.kind]" :style="bar.style" :title="bar.state">{{ bar.short }}</span>

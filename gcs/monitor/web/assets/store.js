@@ -6,6 +6,7 @@ const ABOUT_MS = 2000;
 const EVENTS_KEPT = 2000;
 const SAMPLES_KEPT = 1200;
 const LONGEST_WAIT_MS = 3000;
+const GATHER_MS = 5; // what has come by then counts as one
 
 export const setup = shallowRef(null);
 export const state = shallowRef(null);
@@ -159,14 +160,22 @@ let waitMs = 250;
 function connect() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/v1/live`);
   let begun = false;
-  socket.onmessage = (message) => {
-    const said = JSON.parse(message.data);
-    if (said.setup) takeSetup(said.setup);
-    if (said.event) takeEvents([said.event]);
-    if (!said.state) return;
-    takeState(said.state);
+  let newest = null; // the text of the latest state, until it is looked at
+  const takeNewest = () => {
+    takeState(JSON.parse(newest).state);
+    newest = null;
     if (!begun) loadPast();
     begun = true;
+  };
+  socket.onmessage = ({ data }) => {
+    if (data.startsWith('{"state"')) {
+      if (newest === null) setTimeout(takeNewest, GATHER_MS);
+      newest = data; // a device that cannot keep up leaves states out, and never shows an old one as live
+      return;
+    }
+    const said = JSON.parse(data);
+    if (said.setup) takeSetup(said.setup);
+    if (said.event) takeEvents([said.event]);
   };
   socket.onopen = () => {
     waitMs = 250;

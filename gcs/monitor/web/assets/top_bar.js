@@ -1,6 +1,7 @@
 // The head of the page: which run, how far, whether what is shown is fresh, and the one button that stops everything.
-import { computed, ref, watchEffect } from "vue";
+import { computed, nextTick, onMounted, ref, watchEffect } from "vue";
 import { ask } from "/assets/answers.js";
+import { detach } from "/assets/detach.js";
 import { clock, seconds } from "/assets/format.js";
 import { PressButton } from "/assets/press.js";
 import {
@@ -14,6 +15,7 @@ export default {
   components: { PressButton },
   setup() {
     start();
+    onMounted(() => nextTick(detach));
     const theme = ref(remembered.get("theme", "auto"));
     const prefersDark = matchMedia("(prefers-color-scheme: dark)");
     const dark = ref(prefersDark.matches);
@@ -63,7 +65,7 @@ export default {
         <button v-if="about.signed_in" type="button" class="quiet" @click="signOut">Sign out</button>
         <a v-else-if="about.commanding" class="button quiet" href="/login" data-test="sign-in">Sign in</a>
       </div>
-      <press-button v-if="about.role === 'COMMAND'" class="stop" word="hold" label="HOLD ALL" :hold-ms="400" tone="stop"
-        about="stops every vehicle in flight; resume goes on" :disabled="ended" @done="ask('hold')"></press-button>
+      <press-button v-if="about.role === 'COMMAND' && !ended" class="stop" word="hold" label="HOLD ALL" :hold-ms="400" tone="stop"
+        about="stops every vehicle in flight; resume goes on" @done="ask('hold')"></press-button>
     </header>`,
 };

@@ -240,7 +240,9 @@ async def test_over_a_real_server_the_live_socket_speaks_and_is_left(
         await socket.recv()
         socket.transport.abort()  # gone without a word, while there is something to be said
         heard(client, msgspec.structs.replace(flown, number=flown.number + 1))
-        await asyncio.sleep(0.1)
+        async with asyncio.timeout(10.0):
+            while server.server_state.connections or server.server_state.tasks:  # noqa: ASYNC110 - as above
+                await asyncio.sleep(0.02)
     server.should_exit = True
     await serving
     assert "Exception" not in caplog.text
@@ -255,10 +257,9 @@ async def test_who_reads_slowly_gets_the_latest_state_and_holds_nobody_up(client
         for number in range(100):
             heard(client, msgspec.structs.replace(flown, number=number))
             await asyncio.sleep(0)
-        slow.reads.release()
-        await asyncio.sleep(0.01)
-        slow.reads.release()
-        await asyncio.sleep(0.01)
+        for _ in range(2):
+            slow.reads.release()
+            await settle()
         assert [message["state"]["number"] for message in slow.taken][-1] == 99
         assert len(slow.taken) == 2
         assert quick.taken[-1]["state"]["number"] == 99

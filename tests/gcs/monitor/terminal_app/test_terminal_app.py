@@ -131,7 +131,7 @@ async def test_every_view_shows_what_it_is_for(client: Heard, size: tuple[int, i
         wanted = {
             "1": ("paper-8", "live", "0/8 placed", "LEG_2", f"{leg.direction} {leg.guide}", "2/2",
                   f"{math.degrees(leg.angle_rad):.2f}", f"{leg.remaining_m:.1f}", "±", "hears"),
-            "2": ("north up", "U1", "oO8", "*L0"),
+            "2": ("north up", "U1", "oO8", "*L0", "kept 5 m apart"),
             "3": ("GUIDED", "good", "80 %", "20.0"),
             "4": ("bus: connected", "recording: good"),
             "5": ("U1 LEG_2", "0:12"),

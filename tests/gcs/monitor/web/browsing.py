@@ -7,6 +7,7 @@ import contextlib
 import os
 import shutil
 import signal
+import socket
 import sys
 from dataclasses import dataclass, field
 
@@ -21,7 +22,7 @@ CHROMIUM = shutil.which("chromium")
 VIEW = "view-0123456789abcdef"
 COMMAND = "command-0123456789abcdef"
 SIZES = {"desktop": {"width": 1280, "height": 800}, "phone": {"width": 390, "height": 844}}
-_STARTS_WITHIN_S = 20.0
+_STARTS_WITHIN_S = 60.0
 
 
 @contextlib.asynccontextmanager
@@ -60,11 +61,14 @@ class Dashboard:
     def url(self):
         return f"http://127.0.0.1:{self.port}/"
 
+    @property
+    def environment(self):
+        return {f"BEARING_RELAY_{role}_TOKEN": token for role, token in self.tokens.items()}
+
     @contextlib.asynccontextmanager
     async def open(self):
         place = ["--listen", f"127.0.0.1:{self.port}", "--runs-dir", str(self.runs_dir), *self.options]
-        environment = {f"BEARING_RELAY_{role}_TOKEN": token for role, token in self.tokens.items()}
-        async with started(*DASHBOARD, *place, environment=environment) as process:
+        async with started(*DASHBOARD, *place, environment=self.environment) as process:
             line = await asyncio.wait_for(process.stdout.readline(), _STARTS_WITHIN_S)
             assert b"dashboard at" in line, line + await process.stdout.read()
             yield process
@@ -110,6 +114,36 @@ class Browser:
         told = await rows.evaluate_all("rows => rows.map(row => [row.dataset.receiver, row.dataset.state])")
         return dict(told)
 
+    async def forget_latencies(self):
+        await self.page.evaluate("import('/assets/store.js').then(store => { store.latency.shown.length = 0; })")
+
+    async def latencies_ms(self):
+        """Return how long each state since took from the service to this screen."""
+        return await self.page.evaluate("import('/assets/store.js').then(store => store.latency.shown)")
+
+    async def asks(self, verb):
+        """Ask for a word behind the page's back, with all that the page knows; return the status and the answer."""
+        status, answer = await self.page.evaluate(
+            """async (verb) => {
+                const session = await (await fetch("/about")).json();
+                const answer = await fetch("/control", {method: "POST", headers: {"x-csrf-token": session.csrf},
+                    body: JSON.stringify({verb})});
+                return [answer.status, await answer.json()];
+            }""",
+            verb,
+        )
+        return status, answer["message"]
+
+    async def report(self):
+        """Open the report of the run that has ended, and return what it says."""
+        link = self.page.locator("[data-test=report]")
+        await link.wait_for(timeout=20_000)
+        async with self.context.expect_page() as opened:
+            await link.click()
+        page = await opened.value
+        await page.wait_for_load_state()
+        return await page.inner_text("body")
+
     async def keep_pressed(self, verb, for_s):
         """Keep a button of the commands pressed with the mouse."""
         button = self.page.locator(f".command-panel [data-verb={verb}]")
@@ -122,17 +156,41 @@ class Browser:
 
 
 @contextlib.asynccontextmanager
-async def browsing(url, size="desktop", colours="light"):
-    """Open a page of a real browser; skipped where there is none."""
+async def browser(program=CHROMIUM):
+    """Start a real browser; skipped where there is none."""
     if CHROMIUM is None:
         pytest.skip("needs chromium")
     async with async_playwright() as playwright:
-        chromium = await playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        context = await chromium.new_context(
-            viewport=SIZES[size], color_scheme=colours, has_touch=size == "phone", reduced_motion="reduce"
-        )
+        chromium = await playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         try:
-            yield Browser(context, await context.new_page(), url)
+            yield chromium
         finally:
             with contextlib.suppress(PlaywrightError):
                 await chromium.close()
+
+
+async def opened(chromium, url, size="desktop", colours="light"):
+    """Return a page of a browser, as somebody who has not been there before."""
+    context = await chromium.new_context(
+        viewport=SIZES[size], color_scheme=colours, has_touch=size == "phone", reduced_motion="reduce"
+    )
+    return Browser(context, await context.new_page(), url)
+
+
+@contextlib.asynccontextmanager
+async def browsing(url, size="desktop", colours="light"):
+    """Open a page of a browser of its own."""
+    async with browser() as chromium:
+        yield await opened(chromium, url, size, colours)
+
+
+async def until_served(port, *, served=True):
+    """Wait until somebody listens at a port, or nobody does any more."""
+    async with asyncio.timeout(_STARTS_WITHIN_S):
+        while is_served(port) is not served:  # noqa: ASYNC110  # another process's port tells nobody
+            await asyncio.sleep(0.1)
+
+
+def is_served(port):
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0

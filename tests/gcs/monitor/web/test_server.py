@@ -3,7 +3,6 @@
 import asyncio
 import json
 import shutil
-import socket
 import ssl
 import subprocess
 import urllib.request
@@ -17,7 +16,7 @@ from gcs.monitor.beside import dashboard_beside
 from gcs.monitor.web.finding import RunFinder
 from gcs.monitor.web.place import Place, listening, place_of, require_certificate
 from gcs.monitor.web.server import serve
-from tests.gcs.monitor.web.browsing import DASHBOARD, VIEW, Dashboard, started
+from tests.gcs.monitor.web.browsing import DASHBOARD, VIEW, Dashboard, started, until_served
 
 
 @pytest.mark.parametrize(
@@ -101,20 +100,9 @@ async def test_it_ends_when_told_to_and_with_its_parent(tmp_path):
         assert await asyncio.wait_for(process.wait(), 5.0) == 0
     place = ("--listen", f"127.0.0.1:{site.port}", "--runs-dir", str(tmp_path), "--parent-pid")
     async with started("-c", PARENT, *DASHBOARD, *place) as process:
-        await until_served(site.port, served=True)
+        await until_served(site.port)
         process.kill()
     await until_served(site.port, served=False)
-
-
-async def until_served(port, *, served):
-    async with asyncio.timeout(20.0):
-        while is_served(port) is not served:  # noqa: ASYNC110  # another process's port tells nobody
-            await asyncio.sleep(0.1)
-
-
-def is_served(port):
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.mark.slow
@@ -122,7 +110,7 @@ async def test_beside_a_run_it_is_served_as_long_as_the_block_lasts(tmp_path):
     site = Dashboard(tmp_path)
     with dashboard_beside(f"127.0.0.1:{site.port}", tmp_path / "runs") as address:
         assert address == site.url
-        await until_served(site.port, served=True)
+        await until_served(site.port)
         body, _ = await asyncio.to_thread(answer, site.url + "about")
         assert "no run in" in json.loads(body)["problem"]
     await until_served(site.port, served=False)
