@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.bus.security import with_keys
-from drivers.bus.session import Bus, BusEndpoint, open_bus
+from drivers.bus.session import BusEndpoint, LiveBus, open_bus, require_closed
 from drivers.errors import BusError
 from drivers.simulation.launcher import ProcessGroup, free_tcp_port, this_pid
 
@@ -25,9 +25,10 @@ async def start_router(group: ProcessGroup) -> str:
 
 
 @contextlib.asynccontextmanager
-async def joined(endpoint: str, keys: str | None = None) -> AsyncIterator[Bus]:
+async def joined(endpoint: str, keys: str | None = None, *, insecure: bool = False) -> AsyncIterator[LiveBus]:
     """Join the bus, with the service's keys where it is closed, waiting for a router that is just starting."""
-    way_in = with_keys(BusEndpoint(endpoint), Path(keys) if keys else None)
+    way_in = with_keys(BusEndpoint(endpoint, insecure=insecure), Path(keys) if keys else None)
+    require_closed(way_in)
     deadline_s = time.monotonic() + START_TIMEOUT_S
     while True:
         try:

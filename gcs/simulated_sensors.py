@@ -33,5 +33,6 @@ async def start_sensors(
         reference=sensor.reference,
         faults={name: sensor.faults.of(name) for name in playbook.receivers},
         keys=playbook.bus.keys,
+        insecure=playbook.bus.insecure,
     )
     await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))

@@ -7,13 +7,18 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 import msgspec
 
+from drivers.strict_json import ESCAPES, malformed
+
 Azimuth = Annotated[float, msgspec.Meta(ge=-6.2832, le=6.2832, description="clockwise from the reference, rad")]
 Sigma = Annotated[float, msgspec.Meta(gt=0.0, le=3.1416, description="standard deviation, rad")]
 Metres = Annotated[float, msgspec.Meta(ge=-1e7, le=1e7)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
-UnixNs = Annotated[int, msgspec.Meta(ge=0, description="ns since 1970-01-01 UTC")]
+LARGEST: Final = 2**63 - 1
+"""The largest whole number in a message: what any language can hold, and a float can be made of."""
+Count = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
+UnixNs = Annotated[int, msgspec.Meta(ge=0, le=LARGEST, description="ns since 1970-01-01 UTC")]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
-DurationNs = Annotated[int, msgspec.Meta(ge=0, description="ns")]
+DurationNs = Annotated[int, msgspec.Meta(ge=0, le=LARGEST, description="ns")]
 ClockName = Annotated[str, msgspec.Meta(max_length=64, description="which clock it is; empty: the UAV's only one")]
 
 LEAST_SIGMA_RAD: Final = math.radians(0.01)
@@ -32,7 +37,7 @@ class BearingReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     """What one receiver's AOA sensor measured at one instant. Times are by the sensor's clock."""
 
     captured_ns: UnixNs
-    sequence: Annotated[int, msgspec.Meta(ge=0)]
+    sequence: Count
     reference: Literal["true_north", "body"]
     bearings: Annotated[list[Bearing], msgspec.Meta(max_length=256)]
     captured_uncertainty_ns: DurationNs = 0
@@ -91,9 +96,9 @@ class ClockPong(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
 
 
 class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The operator's word to the relay. `skip` takes a receiver, `release` any vehicle, the others none."""
+    """The operator's word to the relay. `skip` takes a receiver, `release` any vehicle, `takeover` a link node."""
 
-    verb: Literal["hold", "resume", "skip", "release", "abort"]
+    verb: Literal["hold", "resume", "skip", "release", "abort", "takeover"]
     vehicle: Name | None = None
 
 
@@ -115,6 +120,8 @@ _DECODERS: Final[dict[type[msgspec.Struct], msgspec.json.Decoder[Any]]] = {
         *(ControlRequest, ControlReply),
     )
 }
+KINDS: Final = tuple(_DECODERS)
+"""Every message between sensors, the service and the operator."""
 
 MalformedMessageError = msgspec.MsgspecError
 
@@ -126,7 +133,10 @@ def encode(message: msgspec.Struct) -> bytes:
 
 def decode(payload: bytes, kind: type[AnyMessage]) -> AnyMessage:
     """Return the message a payload holds; MalformedMessageError says which field is wrong and how."""
-    message: AnyMessage = _DECODERS[kind].decode(payload)
+    try:
+        message: AnyMessage = _DECODERS[kind].decode(payload)
+    except ESCAPES as error:
+        raise malformed(error) from None
     return message
 
 

@@ -13,8 +13,8 @@ from drivers.errors import BusError
 from drivers.process import until_told_to_stop
 
 
-async def _serve(endpoint: str, keys: Path | None, parent_pid: int | None) -> None:
-    async with open_bus(with_keys(BusEndpoint(endpoint, role="router"), keys)):
+async def _serve(endpoint: BusEndpoint, keys: Path | None, parent_pid: int | None) -> None:
+    async with open_bus(with_keys(endpoint, keys)):
         await until_told_to_stop(parent_pid)
 
 
@@ -23,10 +23,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("endpoint", help="where to listen, e.g. tcp/127.0.0.1:7447")
     parser.add_argument("--keys", type=Path, help="the router's file of `bearing-relay keys init`")
+    parser.add_argument(
+        "--insecure", action="store_true", help="off loopback without keys: whoever reaches it can join"
+    )
     parser.add_argument("--parent-pid", type=int, help="end when this process has ended")
     arguments = parser.parse_args()
+    endpoint = BusEndpoint(arguments.endpoint, role="router", insecure=arguments.insecure)
     try:
-        asyncio.run(_serve(arguments.endpoint, arguments.keys, arguments.parent_pid))
+        asyncio.run(_serve(endpoint, arguments.keys, arguments.parent_pid))
     except BusError as error:
         sys.stderr.write(f"{error}\n")
         return 2

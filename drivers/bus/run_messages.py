@@ -11,11 +11,12 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 import msgspec
 
-from drivers.bus.messages import Name, UnixNs
+from drivers.bus.messages import LARGEST, Name, UnixNs
+from drivers.strict_json import ESCAPES, malformed
 
 Place = tuple[float, float]
 """x and y, formation frame, m."""
-Count = Annotated[int, msgspec.Meta(ge=0)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
 Level = Literal["info", "warning", "alert"]
 """`warning`: look at it; `alert`: something does not fly, or must not."""
 
@@ -300,7 +301,7 @@ class Events(msgspec.Struct, frozen=True):
 class ProvenRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A ControlRequest of somebody who holds the token for commanding; `proof` shows that, and not the token."""
 
-    verb: Literal["hold", "resume", "skip", "release", "abort"]
+    verb: Literal["hold", "resume", "skip", "release", "abort", "takeover"]
     said_ns: UnixNs
     proof: Annotated[str, msgspec.Meta(min_length=1, max_length=128)]
     vehicle: Name | None = None
@@ -318,7 +319,10 @@ KINDS: Final = tuple(_DECODERS)
 
 def decode_run(payload: bytes, kind: type[RunMessage]) -> RunMessage:
     """Return the message a payload holds; MalformedMessageError says which field is wrong and how."""
-    message: RunMessage = _DECODERS[kind].decode(payload)
+    try:
+        message: RunMessage = _DECODERS[kind].decode(payload)
+    except ESCAPES as error:
+        raise malformed(error) from None
     return message
 
 

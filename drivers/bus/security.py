@@ -19,8 +19,10 @@ import zenoh
 
 from drivers.bus.certificates import Authority, Identity
 from drivers.bus.keys import SwarmKeys
+from drivers.bus.node_keys import NodeKeys
 from drivers.bus.session import BusEndpoint
 from drivers.errors import BusError
+from drivers.strict_json import MalformedError, read_json
 
 SERVICE: Final = "service"
 OPERATOR: Final = "operator"
@@ -38,6 +40,15 @@ class Rights:
     hears: tuple[str, ...] = ()
     asks: tuple[str, ...] = ()
     answers: tuple[str, ...] = ()
+    lives: tuple[str, ...] = ()
+    """Where it tells that it lives..."""
+    watches: tuple[str, ...] = ()
+    """...and whose life it is told of."""
+
+
+def node_party(node: str) -> str:
+    """Return the common name of a link node, which no other kind of party can have."""
+    return f"node.{node}"
 
 
 def uav_party(uav: str) -> str:
@@ -45,20 +56,28 @@ def uav_party(uav: str) -> str:
     return f"uav.{uav}"
 
 
-def rights_of_all(swarm: str, uavs: Collection[str]) -> list[Rights]:
+def rights_of_all(swarm: str, uavs: Collection[str], nodes: Collection[str] = ()) -> list[Rights]:
     """Return the rights of everybody on the bus of a swarm.
 
     The service carries the swarm; it alone answers the operator, and the operator alone commands. A UAV speaks for
-    itself. Simulated sensors speak for all and belong to the service.
+    itself, a link node for itself and to the service. Simulated sensors speak for all and belong to the service.
     """
-    keys = SwarmKeys(swarm)
-    everything = (_whole(swarm), keys.state, keys.events)  # no wildcard matches the last two
+    keys, every_node = SwarmKeys(swarm), NodeKeys(swarm)
+    everything = (_whole(swarm), keys.state, keys.events, every_node.every_key)  # no wildcard matches the last three
     which_swarm = SwarmKeys("*").setup
     watched = (keys.setup, keys.events, keys.progress, keys.every_emission, which_swarm)
     answers = (*everything, which_swarm)
     return [
-        Rights(SERVICE, says=everything, hears=everything, asks=(keys.every_emission,), answers=answers),
+        Rights(
+            SERVICE,
+            says=everything,
+            hears=everything,
+            asks=(keys.every_emission,),
+            answers=answers,
+            watches=(every_node.alive,),
+        ),
         Rights(OPERATOR, hears=everything, asks=(keys.control, *watched)),
+        *(_rights_of_node(keys, NodeKeys(swarm, node)) for node in nodes),
         *(
             Rights(
                 uav_party(uav),
@@ -71,6 +90,16 @@ def rights_of_all(swarm: str, uavs: Collection[str]) -> list[Rights]:
     ]
 
 
+def _rights_of_node(keys: SwarmKeys, own: NodeKeys) -> Rights:
+    return Rights(
+        node_party(own.node),
+        says=(own.beat, own.reports, own.telemetry, keys.every_clock_ping),
+        hears=(own.grant, own.orders, keys.every_bearings, keys.every_clock_pong),
+        answers=(own.reports,),
+        lives=(own.alive,),
+    )
+
+
 def access_control(swarm: str, all_rights: Collection[Rights]) -> dict[str, Any]:
     """Return zenoh's `access_control` section for the router of a swarm. What is not allowed is denied.
 
@@ -79,7 +108,7 @@ def access_control(swarm: str, all_rights: Collection[Rights]) -> dict[str, Any]
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     for rights in all_rights:
-        own = list(_rules(rights, declared=_whole(swarm)))
+        own = list(_rules(rights, declared=(_whole(swarm), NodeKeys(swarm).every_key)))
         rules += own
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [rights.name]})
     return {
@@ -91,7 +120,7 @@ def access_control(swarm: str, all_rights: Collection[Rights]) -> dict[str, Any]
     }
 
 
-def _rules(rights: Rights, declared: str) -> Iterator[dict[str, Any]]:
+def _rules(rights: Rights, declared: tuple[str, ...]) -> Iterator[dict[str, Any]]:
     """Yield the rules of one party, as the router sees it: ingress is what comes from the party."""
     wanted = (
         ("says", "ingress", ["put", "delete"], rights.says),
@@ -101,7 +130,10 @@ def _rules(rights: Rights, declared: str) -> Iterator[dict[str, Any]]:
         ("hears", "egress", ["put", "delete"], rights.hears),
         ("is asked", "egress", ["query"], rights.answers),
         ("is answered", "egress", ["reply"], rights.asks),
-        ("is told", "egress", ["declare_subscriber", "declare_queryable"], (declared,)),
+        ("is told", "egress", ["declare_subscriber", "declare_queryable"], declared),
+        ("lives", "ingress", ["liveliness_token"], rights.lives),
+        ("watches", "ingress", ["declare_liveliness_subscriber", "liveliness_query"], rights.watches),
+        ("is told who lives", "egress", ["liveliness_token"], rights.watches),
     )
     for what, flow, messages, expressions in wanted:
         if expressions:
@@ -122,12 +154,14 @@ def host_of(endpoint: str) -> str:
     return match["six"] or match["host"]
 
 
-def configurations(swarm: str, uavs: Collection[str], endpoint: str, authority: Authority) -> dict[str, str]:
+def configurations(
+    swarm: str, uavs: Collection[str], endpoint: str, authority: Authority, nodes: Collection[str] = ()
+) -> dict[str, str]:
     """Return the zenoh configuration of every party by its name, JSON: mutual TLS for all, the rights in the router's.
 
     BusError when the endpoint or a name cannot be used.
     """
-    host, all_rights = host_of(endpoint), rights_of_all(swarm, uavs)
+    host, all_rights = host_of(endpoint), rights_of_all(swarm, uavs, nodes)
     router = authority.identity(ROUTER, tuple(dict.fromkeys((host, *_LOOPBACK))))
     made = {ROUTER: _configuration("router", endpoint, authority.certificate, router)}
     made[ROUTER]["access_control"] = access_control(swarm, all_rights)
@@ -176,6 +210,11 @@ class KeyedEndpoint(BusEndpoint):
     keys: str = field(default="", repr=False)
     """That party's zenoh configuration, which holds a secret."""
 
+    @property
+    def closed(self) -> bool:
+        """Whether nobody joins without keys."""
+        return True
+
     def configuration(self) -> zenoh.Config:
         """Return the zenoh configuration: that of every endpoint, with the party's keys and the router's rights."""
         config, own = super().configuration(), json.loads(self.keys)
@@ -215,10 +254,10 @@ def with_keys(endpoint: BusEndpoint, file: Path | None) -> BusEndpoint:
         if file.stat().st_mode & 0o077:
             raise BusError(f"the keys in {file} can be read by others: chmod 600 it")
         keys = file.read_text(encoding="utf-8")
-        known = msgspec.json.decode(keys, type=_KeyFile)
+        known = read_json(keys, _KeyFile)
     except OSError as error:
         raise BusError(f"{file} cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, msgspec.MsgspecError):
+    except (UnicodeDecodeError, MalformedError):
         raise BusError(f"{file} holds no keys of a bus: make them with `bearing-relay keys init`") from None
     if known.mode != endpoint.role:
         raise BusError(f"{file} holds the keys of a {known.mode}, and those of a {endpoint.role} are needed")

@@ -1,6 +1,6 @@
 """The zenoh session: opened in a block, always closed, explicit endpoints, nothing multicast.
 
-A zenoh callback only hands over to the event loop; handlers run there, in the order the samples came.
+A zenoh callback only hands over to the event loop; handlers run there, samples of one key in the order they came.
 """
 
 from __future__ import annotations
@@ -13,15 +13,17 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Final, Literal, Protocol
+from dataclasses import dataclass, field
+from typing import Final, Literal, Protocol
 
 import zenoh
 
+from drivers.bus.inbox import Handler, Inbox, Losses
+from drivers.bus.openness import openness
 from drivers.errors import BusError
 
-Handler = Callable[[str, bytes], None]
-"""Gets the key and the payload of one sample, on the event loop."""
+__all__ = ["Answer", "Bus", "BusEndpoint", "Handler", "LiveBus", "Losses", "open_bus", "require_closed"]
+
 Answer = Callable[[bytes], bytes]
 """Gets the payload of one query and returns that of its reply, on the event loop."""
 
@@ -29,6 +31,10 @@ _CLOSE_WAIT_US = 200_000
 _LEASE_MS = 2_000
 """After this long without a sign of life the other side counts as gone."""
 
+LARGEST_BYTES: Final = 4 * 2**20
+"""Whatever is larger is lost on its way: nothing that is said on the bus is nearly so large."""
+MOST_QUERIES: Final = 256
+"""So many queries wait for their answers at the most; others are dropped."""
 HISTORY_KEPT: Final = 4096
 """How many values of a history can be fetched: the latest."""
 ANSWERED_WITHIN_S: Final = 2.0
@@ -58,7 +64,10 @@ class Bus(Protocol):
         ...
 
     def subscribe(self, key_expression: str, handler: Handler) -> None:
-        """Call `handler` on the event loop for every sample that matches, until the bus closes."""
+        """Call `handler` on the event loop for every sample that matches, until the bus closes.
+
+        Where more comes than can be taken in, a key that has more than its share loses its oldest samples.
+        """
         ...
 
     async def fetch(self, key_expression: str) -> dict[str, bytes]:
@@ -78,12 +87,40 @@ class Bus(Protocol):
         ...
 
 
+Liveliness = Callable[[str, bool], None]
+"""Gets a key, and whether whoever declared it lives, on the event loop."""
+
+
+class LiveBus(Bus, Protocol):
+    """A bus that tells who is there, and what it could not deliver."""
+
+    @property
+    def losses(self) -> Losses:
+        """What came, and was dropped on the way to the event loop."""
+        ...
+
+    def declare_alive(self, key: str) -> None:
+        """Let everybody know that this process lives, until the bus closes or the process ends, however it does."""
+        ...
+
+    def watch_alive(self, key_expression: str, handler: Liveliness) -> None:
+        """Call `handler` for everybody alive now, and whenever one comes or goes, until the bus closes."""
+        ...
+
+
 @dataclass(frozen=True)
 class BusEndpoint:
     """How a process takes part in the bus: as a client of the router at `endpoint`, or as that router."""
 
     endpoint: str
     role: Literal["client", "router"] = "client"
+    insecure: bool = field(default=False, kw_only=True)
+    """Whether it is meant that strangers can join: without keys, off loopback."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether nobody joins without keys."""
+        return False
 
     def configuration(self) -> zenoh.Config:
         """Return the zenoh configuration; every setting that would open more than the endpoint is off."""
@@ -95,6 +132,7 @@ class BusEndpoint:
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
             "transport/shared_memory/enabled": False,
+            "transport/link/rx/max_message_size": LARGEST_BYTES,
             "transport/link/tx/lease": _LEASE_MS,
             "transport/link/tx/queue/congestion_control/block/wait_before_close": _CLOSE_WAIT_US,
         }
@@ -103,9 +141,21 @@ class BusEndpoint:
         return config
 
 
+def require_closed(endpoint: BusEndpoint) -> None:
+    """Return when no stranger can join at an endpoint, or it is meant that they can. BusError otherwise."""
+    if endpoint.closed or endpoint.insecure:
+        return
+    if (problem := openness(endpoint.endpoint)) is not None:
+        raise BusError(f"{problem}, or give --insecure when nobody else is on that network")
+
+
 @contextlib.asynccontextmanager
-async def open_bus(endpoint: BusEndpoint) -> AsyncIterator[Bus]:
-    """Open the bus and close it with the block. BusError when there is no router, or the port is taken."""
+async def open_bus(endpoint: BusEndpoint) -> AsyncIterator[LiveBus]:
+    """Open the bus and close it with the block.
+
+    BusError when there is no router, when the port is taken, or when strangers can join and nobody said `insecure`.
+    """
+    require_closed(endpoint)
     try:
         session = await asyncio.to_thread(zenoh.open, endpoint.configuration())
     except zenoh.ZError as error:
@@ -125,10 +175,16 @@ class _ZenohBus:
     def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop, replies: ThreadPoolExecutor) -> None:
         self._session = session
         self._replies = replies
-        self._inbox = _Inbox(loop)
+        self._inbox = Inbox(loop)
+        self._queries = threading.Semaphore(MOST_QUERIES)
         self._remembered: dict[str, bytes] = {}
         self._histories: dict[str, deque[bytes]] = {}
         self._queryables: set[str] = set()
+        self._alive: list[zenoh.LivelinessToken] = []
+
+    @property
+    def losses(self) -> Losses:
+        return self._inbox.losses
 
     def put_latest(self, key: str, payload: bytes, *, urgent: bool = False) -> None:
         self._session.put(
@@ -161,6 +217,10 @@ class _ZenohBus:
 
     def serve(self, key: str, answer: Answer) -> None:
         def take(query: zenoh.Query) -> None:
+            if not self._queries.acquire(blocking=False):
+                self._inbox.losses.unanswered += 1
+                with query:  # it ends without an answer
+                    return
             self._inbox.call(self._answer, query, key, answer, time.monotonic() + ANSWERED_WITHIN_S)
 
         self._session.declare_queryable(key, take)
@@ -175,13 +235,31 @@ class _ZenohBus:
                 payload = answer(b"" if query.payload is None else query.payload.to_bytes())
         finally:
             with contextlib.suppress(RuntimeError):  # the bus may have closed
-                self._replies.submit(_reply, query, key, payload, refusal)  # an asker that is stuck holds nobody up
+                # an asker that is stuck holds nobody up
+                self._replies.submit(self._reply, query, key, payload, refusal)
+
+    def _reply(self, query: zenoh.Query, key: str, payload: bytes | None, refusal: str) -> None:
+        self._queries.release()
+        with contextlib.suppress(zenoh.ZError), query:  # the asker may have gone
+            if payload is None:
+                query.reply_err(refusal)
+            else:
+                query.reply(key, payload)
 
     def subscribe(self, key_expression: str, handler: Handler) -> None:
         self._session.declare_subscriber(
             key_expression,
             lambda sample: self._inbox.hand_over(handler, str(sample.key_expr), sample.payload.to_bytes()),
         )
+
+    def declare_alive(self, key: str) -> None:
+        self._alive.append(self._session.liveliness().declare_token(key))
+
+    def watch_alive(self, key_expression: str, handler: Liveliness) -> None:
+        def take(sample: zenoh.Sample) -> None:
+            self._inbox.call(handler, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        self._session.liveliness().declare_subscriber(key_expression, take, history=True)
 
     async def fetch(self, key_expression: str) -> dict[str, bytes]:
         def ask() -> dict[str, bytes]:
@@ -210,40 +288,3 @@ class _ZenohBus:
 
     def connected(self) -> bool:
         return bool(list(self._session.info.routers_zid()))
-
-
-def _reply(query: zenoh.Query, key: str, payload: bytes | None, refusal: str) -> None:
-    with contextlib.suppress(zenoh.ZError), query:  # the asker may have gone
-        if payload is None:
-            query.reply_err(refusal)
-        else:
-            query.reply(key, payload)
-
-
-class _Inbox:
-    """Samples on their way from zenoh's threads to the event loop: one wake-up for all that wait."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
-        self._samples: deque[tuple[Handler, str, bytes]] = deque(maxlen=100_000)
-        self._scheduled = False
-        self._lock = threading.Lock()
-
-    def call(self, callback: Callable[..., None], *arguments: Any) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop may have closed
-            self._loop.call_soon_threadsafe(callback, *arguments)
-
-    def hand_over(self, handler: Handler, key: str, payload: bytes) -> None:
-        with self._lock:
-            self._samples.append((handler, key, payload))
-            if self._scheduled or self._loop.is_closed():
-                return
-            self._scheduled = True
-        self.call(self._deliver)
-
-    def _deliver(self) -> None:
-        with self._lock:
-            samples, self._samples = self._samples, deque(maxlen=self._samples.maxlen)
-            self._scheduled = False
-        for handler, key, payload in samples:
-            self._loop.call_soon(handler, key, payload)  # one that fails takes no other with it

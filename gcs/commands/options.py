@@ -42,6 +42,9 @@ DashboardPlace = Annotated[
 BusKeys = Annotated[
     Path | None, typer.Option("--keys", help="your file of `keys init`, where the bus is closed to strangers")
 ]
+InsecureBus = Annotated[
+    bool, typer.Option("--insecure", help="join a bus off loopback that is not closed: strangers can join it too")
+]
 RunsDir = Annotated[Path, typer.Option(help="where run folders are made")]
 
 

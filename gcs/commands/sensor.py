@@ -14,7 +14,6 @@ from typing import Annotated, Any, Final
 import typer
 from rich.console import Console
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from drivers.aoa.host import SensorHost
 from drivers.aoa.kinds import SENSORS, read_settings
@@ -22,14 +21,15 @@ from drivers.aoa.sensor import Say, Sensor
 from drivers.bus.keys import NAME_PATTERN, SwarmKeys
 from drivers.bus.messages import json_schemas
 from drivers.bus.security import with_keys
-from drivers.bus.session import Bus, BusEndpoint, open_bus
+from drivers.bus.session import Bus, BusEndpoint, open_bus, require_closed
 from drivers.clock import SystemClock
 from drivers.errors import BusError
 from drivers.process import until_told_to_stop
-from gcs.commands.options import BusKeys
+from gcs.commands.options import BusKeys, InsecureBus
 from gcs.errors import ServiceError
 
 RETRY_S: Final = 2.0
+_LARGEST_SETTINGS_BYTES: Final = 100_000
 _ENDPOINT: Final = re.compile(r"(tcp|tls|quic|udp)/.+:\d+")
 
 SensorKind = Enum("SensorKind", {name: name for name in SENSORS}, type=str)  # type: ignore[misc]
@@ -42,6 +42,7 @@ def sensor(
     connect: Annotated[str, typer.Option(help="the bus router, e.g. tcp/10.0.0.1:7447")] = "",
     settings: Annotated[Path | None, typer.Option(help="what the sensor has to be told, a YAML file")] = None,
     keys: BusKeys = None,
+    insecure: InsecureBus = False,
     schema: Annotated[bool, typer.Option("--schema", help="print the JSON Schema of what is on the bus")] = False,
 ) -> None:
     """Run an AOA sensor on a UAV's companion computer, until told to stop. The bus may come and go."""
@@ -52,7 +53,8 @@ def sensor(
     _require(re.fullmatch(NAME_PATTERN, swarm), "--swarm takes the playbook's name")
     _require(re.fullmatch(NAME_PATTERN, uav), "--uav takes the UAV's name in the playbook")
     _require(_ENDPOINT.fullmatch(connect), "--connect takes the bus router, e.g. tcp/10.0.0.1:7447")
-    clock, endpoint = SystemClock(), with_keys(BusEndpoint(connect), keys)
+    clock, endpoint = SystemClock(), with_keys(BusEndpoint(connect, insecure=insecure), keys)
+    require_closed(endpoint)
     made = read_settings(kind.value if kind is not None else "", _read(settings)).open(clock)
     console = Console(stderr=True)
 
@@ -103,8 +105,12 @@ def _read(path: Path | None) -> Any:
     if path is None:
         return {}
     try:
-        values = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, YAMLError, ValueError) as error:
+        with path.open("rb") as file:
+            text = file.read(_LARGEST_SETTINGS_BYTES + 1)
+        if len(text) > _LARGEST_SETTINGS_BYTES:
+            raise ValueError("it is too large for the settings of a sensor")
+        values = YAML(typ="safe", pure=True).load(text.decode("utf-8"))
+    except Exception as error:  # a file made to do harm makes its reader raise anything
         raise ServiceError(f"{path} cannot be read: {error}") from error
     return {} if values is None else values
 

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     BeforeValidator,
     Field,
-    StringConstraints,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -17,11 +16,12 @@ from pydantic import (
 )
 
 from gcs.expectations import Expectations, require_known
+from gcs.playbook.bus_section import BusSection
 from gcs.playbook.formation import Formation
 from gcs.playbook.links import Mavlink, VehicleEntry, VehicleLayer, VehicleLink, clashes, layered
 from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
 from gcs.playbook.sensor_section import SensorSection
-from gcs.playbook.stage_rules import Known, NamedStage, as_ever, named, stage_problems
+from gcs.playbook.stage_rules import OF_THE_ROUTER, ON_THE_LINK, Known, NamedStage, as_ever, named, stage_problems
 from gcs.playbook.stages import StageItem
 from gcs.playbook.suggestions import Problem, refuse
 from planner.frames import FormationFrame, GeodeticPosition
@@ -108,20 +108,6 @@ class Simulation(Section):
     gps_noise_m: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
 
 
-class BusSection(Section):
-    """The zenoh bus. Without a router endpoint the service starts its own router on loopback."""
-
-    router: Annotated[str, StringConstraints(pattern=r"^(tcp|tls|quic|udp)/.+:\d+$")] | None = None
-    keys: Annotated[str, StringConstraints(min_length=1)] | None = None
-    """The service's file of `bearing-relay keys init`: nobody else is on the bus but those with keys of theirs."""
-
-    @model_validator(mode="after")
-    def _keys_need_tls(self) -> BusSection:
-        if self.keys is not None and not (self.router or "").startswith("tls/"):
-            raise ValueError("a bus with keys has its router at tls/HOST:PORT: say so in router")
-        return self
-
-
 Target = Literal["embedded", "ardupilot", "px4", "vehicles"]
 """What a playbook flies on: embedded copters, an autopilot's own simulator, or the vehicles it names."""
 
@@ -184,6 +170,8 @@ class Playbook(Section):
             yield ("vehicles",), f"{', '.join(sorted(unknown))} are neither transmitters nor receivers"
         if self.vehicles is not None and (problems := clashes(self.vehicles, self.mavlink)):
             yield ("vehicles",), "; ".join(problems)
+        if self.nodes and self.bus.router is None:
+            yield ("bus", "router"), "link nodes need a router that they can reach: name it"
         if self.target == "vehicles" and self.vehicles is None:
             yield ("target",), "there are no vehicles: name how each is reached, or fly on embedded"
         if strangers := self.sensor.strangers(self.receivers, self.transmitters):
@@ -191,6 +179,8 @@ class Playbook(Section):
         if self.stages is not None and self.flight.land_after:
             yield ("flight", "land_after"), "with stages, landing is one of them: leave it out and write `- land`"
         yield from self._injections()
+        if (problem := self.bus.problem) is not None:
+            yield ("bus", "router"), problem
         try:
             self.problem()
         except ValueError as error:
@@ -205,9 +195,9 @@ class Playbook(Section):
             fault = entry.inject.fault
             if flown_on == "vehicles":
                 yield ("stages", number, "inject"), "faults are injected into simulated vehicles only: see target"
-            elif flown_on == "px4" and fault in ("pilot", "link_cut"):
+            elif flown_on == "px4" and fault in ON_THE_LINK:
                 yield ("stages", number, "inject", "fault"), f"{fault} needs a link of its own, which PX4's has not"
-            elif fault == "router_killed" and self.bus.router is not None:
+            elif fault in OF_THE_ROUTER and self.bus.router is not None:
                 yield (
                     ("stages", number, "inject", "fault"),
                     "the bus router is not this run's own: leave out bus.router",
@@ -223,6 +213,11 @@ class Playbook(Section):
         """Every UAV and where it starts, formation frame, m; beacons are none."""
         standing = {name: transmitter.at for name, transmitter in self.transmitters.items() if not transmitter.beacon}
         return standing | {name: receiver.start for name, receiver in self.receivers.items()}
+
+    @property
+    def nodes(self) -> dict[str, str]:
+        """The link node of every vehicle that is on one."""
+        return {name: at.node for name, at in (self.vehicles or {}).items() if at.node is not None}
 
     @property
     def beacons(self) -> dict[str, complex]:

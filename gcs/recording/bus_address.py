@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 
+from drivers.strict_json import read_json
 from gcs.errors import ServiceError
 
 FILE: Final = "bus.json"
@@ -17,13 +18,15 @@ class BusAddress(msgspec.Struct, frozen=True):
 
     endpoint: str
     swarm: str
+    insecure: bool = False
+    """Whether the run says that strangers may join its bus."""
 
 
 def address_of(run: Path) -> BusAddress:
     """Return the address in a run's folder. ServiceError when there is none that can be read."""
     path = run / FILE
     try:
-        return msgspec.json.decode(path.read_bytes(), type=BusAddress)
+        return read_json(path.read_bytes(), BusAddress)
     except OSError as error:
         raise ServiceError(f"{path} cannot be read: {error}. Name the run with --run, or give --connect") from error
     except msgspec.MsgspecError as error:

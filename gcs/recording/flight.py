@@ -1,7 +1,8 @@
 """The recording of a flight: everything said on the bus and decided by stop monitors, written off the event loop.
 
-A handler on the event loop only hands over to a bounded queue; one thread checks, counts and writes. Whatever becomes
-of the files, the counting goes on and so does the flight.
+A handler on the event loop only appends to what waits, which is bounded; one thread looks there from time to time,
+checks, counts and writes. It is not woken for every message: that would take the event loop from the flight each time.
+Whatever becomes of the files, the counting goes on and so does the flight.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import queue
 import threading
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, Final
@@ -31,6 +32,11 @@ from gcs.traced_monitor import MonitorNote
 log = logging.getLogger(__name__)
 
 QUEUE_LENGTH: Final = 20_000
+QUEUE_BYTES: Final = 64 * 2**20
+MOST_KEYS: Final = 10_000
+"""What comes on further keys is recorded as on one: a stranger may invent keys without end."""
+_FURTHER: Final = "further"
+_LOOKS_S: Final = 0.02
 _CLOSING_S: Final = 10.0
 """A disk that takes longer than this to finish the file is not waited for."""
 
@@ -51,19 +57,24 @@ class Recording:
         self._say = say
         self._ended = False
         self._opened_ns, self._opened_s = clock.unix_ns(), clock.now_s()
-        self._queue: queue.Queue[tuple[int, str, bytes] | None] = queue.Queue(queue_length)
+        self._queue_length = queue_length
+        self._waiting: deque[tuple[int, str, bytes]] = deque()
+        self._noted_bytes = self._taken_bytes = 0  # each counted by one thread only
+        self._ending = threading.Event()
 
     def note(self, key: str, payload: bytes) -> None:
         """Record one message as it is now; dropped and counted when the disk does not keep up."""
         if self._ended:
             return
         time_ns = self._opened_ns + round((self._clock.now_s() - self._opened_s) * 1e9)
-        try:
-            self._queue.put_nowait((time_ns, key, payload))
-        except queue.Full:
-            if not self.dropped:
-                self._say("the disk is too slow for flight.mcap: messages are missing in it; the flight goes on")
-            self.dropped += 1
+        waiting_bytes = self._noted_bytes - self._taken_bytes
+        if len(self._waiting) < self._queue_length and waiting_bytes + len(payload) <= QUEUE_BYTES:
+            self._noted_bytes += len(payload)
+            self._waiting.append((time_ns, key, payload))
+            return
+        if not self.dropped:
+            self._say("the disk is too slow for flight.mcap: messages are missing in it; the flight goes on")
+        self.dropped += 1
 
     def note_control(self, keys: SwarmKeys, request: bytes, reply: bytes) -> None:
         """Record a request to the relay and its answer, which no subscriber hears."""
@@ -85,23 +96,31 @@ class Recording:
 
     def write_all(self, tell: Say) -> None:
         """Write what is noted until `end`; runs in a thread of its own, and `tell` is called there."""
-        while (item := self._queue.get()) is not None:
-            try:
-                self._write(*item)
-            except Exception as error:  # noqa: BLE001 - whatever is wrong with a recording must not end a flight
-                self._stop(error, tell)
+        while not self._ending.wait(_LOOKS_S):
+            self._write_waiting(tell)
+        self._write_waiting(tell)
         try:
             self._files.finish()
         except Exception as error:  # noqa: BLE001 - as above
             self._stop(error, tell)
 
     def end(self) -> None:
-        """Let the thread end when it has written what waits. Blocks while the queue is full, not for ever."""
+        """Let the thread end when it has written what waits."""
         self._ended = True
-        with contextlib.suppress(queue.Full):
-            self._queue.put(None, timeout=_CLOSING_S)
+        self._ending.set()
+
+    def _write_waiting(self, tell: Say) -> None:
+        while self._waiting:
+            item = self._waiting.popleft()
+            self._taken_bytes += len(item[2])
+            try:
+                self._write(*item)
+            except Exception as error:  # noqa: BLE001 - whatever is wrong with a recording must not end a flight
+                self._stop(error, tell)
 
     def _write(self, time_ns: int, key: str, payload: bytes) -> None:
+        if monitored(key) is None and key not in self.traffic.keys and len(self.traffic.keys) >= MOST_KEYS:
+            key = _FURTHER
         problem: str | None = None
         message: Any = None
         try:

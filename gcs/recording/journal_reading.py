@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.strict_json import MalformedError, read_json
 from gcs.errors import ServiceError
 from gcs.relay.states import ReceiverState
 from planner.plan import Route, plan_from_json
@@ -53,7 +54,7 @@ class Change(msgspec.Struct, frozen=True):
         whole = {"method": "", "straight_line_bound_m": 0.0, "makespan_s": 0.0, "emission_transmitter_s": 0.0}
         try:
             return plan_from_json(whole | {"receivers": [self.known.route]}).routes[0]
-        except (KeyError, TypeError, IndexError, ValueError):
+        except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError):
             return None
 
 
@@ -118,13 +119,13 @@ def entries_of(lines: Sequence[bytes]) -> JournalRead:
     for number, line in enumerate(lines, start=1):
         try:
             entries.append(_entry(line))
-        except msgspec.MsgspecError:
+        except MalformedError:
             lost.append(LostLine(number, line[:_SHOWN].decode(errors="replace")))
     return JournalRead(tuple(entries), tuple(lost))
 
 
 def _entry(line: bytes) -> Entry:
-    told = msgspec.json.decode(line, type=dict[str, Any])
+    told = read_json(line, dict[str, Any])
     if "receiver" in told:
         return msgspec.convert(told, Change)
     if "stage" in told:

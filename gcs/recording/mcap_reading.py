@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from mcap.exceptions import EndOfFile, InvalidMagic
-from mcap.records import Channel, Message
+from mcap.records import Channel, Message, Statistics
 from mcap.stream_reader import StreamReader
 
 from gcs.errors import ServiceError
@@ -72,6 +72,9 @@ def _read_part(path: Path, complain: Callable[[str], None]) -> Iterator[Recorded
                 elif isinstance(record, Message):
                     yield Recorded(topics[record.channel_id], record.log_time, record.data)
                     count += 1
+                elif isinstance(record, Statistics) and record.message_count != count:
+                    lost = record.message_count - count
+                    complain(f"{path.name} is damaged: {lost} of its {record.message_count} messages are not there")
     except OSError as error:
         raise ServiceError(f"{path} cannot be read: {error}") from error
     except Exception as error:  # what is in a damaged file makes its reader raise anything

@@ -16,6 +16,7 @@ from drivers.bus.keys import SwarmKeys, uav_of
 from drivers.bus.messages import Emission, MalformedMessageError, decode
 from drivers.bus.session import Bus
 from drivers.clock import Clock
+from drivers.strict_json import ESCAPES, malformed
 from gcs.recording.lines import LineFile
 from gcs.relay.records import LegRecord, ReceiverRecord
 from gcs.relay.states import IN_FLIGHT
@@ -91,7 +92,10 @@ _DECODER: Final = msgspec.json.Decoder(SeriesLine)
 
 def read_line(line: bytes) -> SeriesLine:
     """Return what a line of series.jsonl holds; msgspec.MsgspecError when it holds nothing of the kind."""
-    parsed: SeriesLine = _DECODER.decode(line)
+    try:
+        parsed: SeriesLine = _DECODER.decode(line)
+    except ESCAPES as error:
+        raise malformed(error) from None
     return parsed
 
 

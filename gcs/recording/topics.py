@@ -24,6 +24,7 @@ from drivers.bus.messages import (
     Progress,
     SensorFault,
 )
+from drivers.strict_json import ESCAPES, malformed, read_json
 from gcs.traced_monitor import MonitorNote
 
 MESSAGES: Final[Mapping[str, type[msgspec.Struct]]] = MappingProxyType(
@@ -82,7 +83,10 @@ def decoded(payload: bytes, topic: str) -> Any:
     MalformedMessageError says which field is wrong and how.
     """
     kind = message_on(topic)
-    return msgspec.json.decode(payload, type=dict[str, Any]) if kind is None else _DECODERS[kind].decode(payload)
+    try:
+        return read_json(payload, dict[str, Any]) if kind is None else _DECODERS[kind].decode(payload)
+    except ESCAPES as error:
+        raise malformed(error) from None
 
 
 def schema_of(message: type[msgspec.Struct]) -> bytes:

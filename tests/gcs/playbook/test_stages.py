@@ -36,6 +36,7 @@ EVERY_STAGE = """\
   - plan:
   - emission: {on: [L0, U1]}
   - inject: {fault: link_cut, vehicle: U2, at: {receiver: U1, state: LEG_2, after_s: 1.5}, for_s: 3}
+  - inject: {fault: link_faults, vehicle: U1, loss: 0.3, duplication: 0.1, reordering: 0.1, delay_s: 0.2, jitter_s: 0.1}
   - inject: {fault: router_killed, after_s: 60}
   - relay: {timeout_s: 300, on_failure: return, expect: {placement_error_m: "< 1", placement_error_m.U3: "< 2"}}
   - hold: {for_s: 10}
@@ -67,7 +68,7 @@ def test_every_stage_can_be_written_and_is_read_back_from_what_a_run_leaves(tmp_
     names = [stage.name for stage in playbook.flow]
     assert names[4] == "up"
     assert names[-1] == "wait-2"
-    assert [name for name in names if name.startswith("inject")] == ["inject", "inject-2"]
+    assert [name for name in names if name.startswith("inject")] == ["inject", "inject-2", "inject-3"]
     resolved = json.loads(json.dumps(playbook.model_dump(mode="json")))
     assert Playbook.model_validate(resolved) == playbook
     CHECK.validate(resolved)
@@ -145,6 +146,11 @@ AT = "  - inject: {fault: freeze, vehicle: U1, at: {"
         ("  - inject: {fault: freeze, vehicle: L1}\n", "0:29", "stages.0.inject.vehicle: 'L1' is no UAV"),
         ("  - inject: {fault: sensor_silent, vehicle: L0}\n", "0:36", "stages.0.inject.vehicle: 'L0' is no receiver "),
         ("  - inject: {fault: router_killed, vehicle: U1}\n", "0:36", "stages.0.inject.vehicle: router_killed strikes"),
+        ("  - inject: {fault: reboot}\n", "0:5", "stages.0.inject.vehicle: is missing: whom does reboot strike?"),
+        ("  - inject: {fault: link_faults, vehicle: U1}\n", "0:5", "stages.0.inject: nothing fails: it takes one or"),
+        ("  - inject: {fault: link_faults, vehicle: U1, loss: 2}\n", "0:47", "stages.0.inject.loss: Input should be"),
+        ("  - inject: {fault: freeze, vehicle: U1, loss: 0.1}\n", "0:42", "stages.0.inject.loss: goes with link_"),
+        ("  - inject: {fault: router_frozen, vehicle: U1}\n", "0:36", "stages.0.inject.vehicle: router_frozen strikes"),
         ("  - inject: {fault: pilot, vehicle: U1, for_s: 3}\n", "0:41", "stages.0.inject.for_s: pilot does not end by"),
         (AT + "receiver: U1, state: LEG_1}}\n", "0:42", "stages.0.inject.at: no relay comes"),
         (AT + "receiver: X, state: LEG_1}}\n", "0:47", "stages.0.inject.at.receiver: 'X' is no"),

@@ -33,7 +33,7 @@ from drivers.bus.messages import (
 )
 from drivers.bus.session import BusEndpoint, open_bus
 from drivers.simulation.launcher import free_tcp_port
-from gcs.recording.flight import Recording, open_recording
+from gcs.recording.flight import MOST_KEYS, QUEUE_BYTES, Recording, open_recording
 from gcs.recording.mcap_file import McapFiles, SizeLimits
 from gcs.recording.topics import MESSAGES, decoded, every_message, schema_of
 from gcs.traced_monitor import MonitorNote
@@ -138,14 +138,18 @@ async def test_a_real_bus_gives_back_what_the_service_itself_says_and_what_other
         await stack.enter_async_context(open_bus(BusEndpoint(endpoint, role="router")))
         own, other = [await stack.enter_async_context(open_bus(BusEndpoint(endpoint))) for _ in range(2)]
         recording = await stack.enter_async_context(open_recording(tmp_path, own, KEYS, clock, said.append))
-        own.subscribe(KEYS.every_bearings, lambda key, payload: None)
+        probe, probed = KEYS.bearings("probe"), []
+        own.subscribe(KEYS.every_bearings, lambda key, payload: probed.append(key))
+        while not probed:  # by then the other side knows who listens
+            other.put_reliably(probe, report(0))
+            await asyncio.sleep(0.02)
         for number in range(20):
             own.put_latest(KEYS.position("U1"), position(float(number)))
             own.put_reliably(KEYS.progress, encode(Progress(number, "U1", "LEG_1", "")))
             other.put_reliably(KEYS.bearings("U1"), report(number))
             other.put_reliably("bearing-relay/another/uav/U1/bearings", report(number))
         for _ in range(500):
-            if sum(key.messages for key in recording.traffic.keys.values()) >= 60:
+            if sum(of.messages for key, of in list(recording.traffic.keys.items()) if key != probe) >= 60:
                 break
             await asyncio.sleep(0.02)
         await asyncio.sleep(0.1)  # any message that comes twice comes now
@@ -153,7 +157,7 @@ async def test_a_real_bus_gives_back_what_the_service_itself_says_and_what_other
     assert [m["north_m"] for topic, _, _, m in found if topic == KEYS.position("U1")] == list(range(20))
     assert [m["time_ns"] for topic, _, _, m in found if topic == KEYS.progress] == list(range(20))
     assert [m["sequence"] for topic, _, _, m in found if topic == KEYS.bearings("U1")] == list(range(20))
-    assert len(found) == 60
+    assert len([topic for topic, *_ in found if topic != probe]) == 60
     assert said == []
 
 
@@ -344,3 +348,27 @@ def test_what_the_disk_is_too_slow_for_is_dropped_counted_and_said_once(tmp_path
     assert recording.dropped == 15
     assert len(said) == 1
     assert "too slow" in said[0]
+
+
+def test_what_waits_for_a_slow_disk_is_bounded_by_its_bytes_too(tmp_path: Path) -> None:
+    said: list[str] = []
+    recording = Recording(McapFiles(tmp_path, {}, SizeLimits()), ManualClock(), said.append)
+    for _ in range(3):
+        recording.note(KEYS.position("U1"), bytes(QUEUE_BYTES // 2))
+    assert recording.dropped == 1
+    assert len(said) == 1
+
+
+async def test_ever_new_keys_neither_end_the_recording_nor_grow_what_is_counted(tmp_path: Path) -> None:
+    bus, clock, said = Everything(), ManualClock(), []
+    async with open_recording(tmp_path, bus, KEYS, clock, said.append) as recording:
+        for number in range(MOST_KEYS + 5):
+            bus.hear(KEYS.position(f"X{number}"), position(float(number)))
+        recording.note_monitor("U1", MonitorNote(0, 1.0, begun=True))
+    counted = traffic(tmp_path)["keys"]
+    assert len(counted) == MOST_KEYS + 1
+    assert counted["further"]["messages"] == 5
+    topics = [topic for topic, *_ in read(tmp_path / "flight.mcap")]
+    assert len(topics) == MOST_KEYS + 6
+    assert topics[-1] == "monitor/U1"
+    assert not said
