@@ -29,6 +29,7 @@ from drivers.simulation.launcher import last_words
 from drivers.simulation.sitl import SITLS, Sitl
 from drivers.simulation.sitl_keeper import KeeperSettings, KeptSwarm
 from drivers.simulation.sitl_readiness import missing, until_all_ready
+from drivers.strict_json import read_json
 from gcs.errors import ServiceError
 from gcs.playbook.loader import load_playbook
 from gcs.playbook.schema import Playbook
@@ -71,7 +72,7 @@ class SwarmFolder:
     def read(self) -> KeptSwarm | None:
         """Return what was started here; None where nothing was. ServiceError when the file is not readable."""
         try:
-            return msgspec.json.decode(self.state.read_bytes(), type=KeptSwarm)
+            return read_json(self.state.read_bytes(), KeptSwarm)
         except FileNotFoundError:
             return None
         except (OSError, msgspec.DecodeError) as error:

@@ -92,9 +92,9 @@ def plan_to_json(plan: RelayPlan) -> dict[str, Any]:
 
 
 def plan_from_json(data: Mapping[str, Any]) -> RelayPlan:
-    """Return the plan a plan.json object describes; KeyError or TypeError when it is not one."""
+    """Return the plan a plan.json object describes; KeyError, TypeError or ValueError when it is not one."""
     return RelayPlan(
-        method=data["method"],
+        method=_text(data["method"]),
         routes=tuple(_route_from_json(route) for route in data["receivers"]),
         straight_line_bound_m=data["straight_line_bound_m"],
         makespan_s=data["makespan_s"],
@@ -132,17 +132,17 @@ def _route_from_json(data: Mapping[str, Any]) -> Route:
     for leg in data["legs"]:
         legs.append(
             Leg(
-                guide=leg["guide"],
+                guide=_text(leg["guide"]),
                 direction=leg["direction"],
-                stop_reference=(leg["stop_reference"][0], leg["stop_reference"][1]),
+                stop_reference=(_text(leg["stop_reference"][0]), _text(leg["stop_reference"][1])),
                 stop_angle_rad=math.radians(leg["stop_angle_deg"]),
                 start=legs[-1].end if legs else start,
                 end=complex(*leg["end_m"]),
             )
         )
     return Route(
-        receiver=data["name"],
-        slot=data["slot"],
+        receiver=_text(data["name"]),
+        slot=_text(data["slot"]),
         order=data["order"],
         wave=data["wave"],
         model=data["route_model"],
@@ -151,6 +151,12 @@ def _route_from_json(data: Mapping[str, Any]) -> Route:
         legs=tuple(legs),
         predicted_3sigma_m=data["predicted_3sigma_m"],
     )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r:.40} is no name")
+    return value
 
 
 def _point_to_json(point: complex) -> list[float]:

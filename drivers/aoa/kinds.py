@@ -35,6 +35,6 @@ def read_settings(kind: str, values: Any) -> SensorSettings:
     """Return the settings of a kind from plain values. SensorError says which value is wrong and how."""
     try:
         settings: SensorSettings = msgspec.convert(values, SENSORS[kind], strict=True)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, UnicodeEncodeError) as error:
         raise SensorError(f"{kind}: {error}") from error
     return settings

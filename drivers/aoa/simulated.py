@@ -62,6 +62,8 @@ class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """By receiver; those not named have none."""
     keys: str | None = None
     """The service's file of keys, where the bus is closed to strangers."""
+    insecure: bool = False
+    """Whether it is meant that strangers can join the bus."""
 
     def sensor(self, receiver: str) -> SimulatedSensor:
         """Return the sensor of one receiver."""
@@ -173,7 +175,8 @@ def tolerant(take: Handler) -> Handler:
 
 async def _serve(settings: SensorSettings) -> None:
     clock = SystemClock(settings.speedup, settings.epoch_ns)
-    endpoint = with_keys(BusEndpoint(settings.endpoint), Path(settings.keys) if settings.keys else None)
+    way_in = BusEndpoint(settings.endpoint, insecure=settings.insecure)
+    endpoint = with_keys(way_in, Path(settings.keys) if settings.keys else None)
     async with open_bus(endpoint) as bus, background(run_sensors(settings, bus, clock)):
         await until_told_to_stop(settings.parent_pid)
 

@@ -28,7 +28,8 @@ def plan(
         ObjectiveName | None, typer.Option(help="what is minimised, instead of the playbook's")
     ] = None,
     min_separation: Annotated[
-        float | None, typer.Option(help="separation in metres instead of the playbook's; 0 switches it off", min=0.0)
+        float | None,
+        typer.Option(help="separation in metres instead of the playbook's; 0 switches it off", min=0.0, max=10_000.0),
     ] = None,
     tolerance_3sigma: Annotated[
         float | None, typer.Option(help="largest predicted placement error, 3 sigma, metres", min=0.0)

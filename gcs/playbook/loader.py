@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import MarkedYAMLError
 
 from gcs.errors import ServiceError
 from gcs.playbook.formation import KINDS
@@ -22,7 +22,10 @@ from gcs.playbook.slot_files.slots import SlotFileError, Surroundings
 from gcs.playbook.suggestions import REFUSED, Location, Problem, suggestion
 from planner.frames import FormationFrame, GeodeticPosition
 
-_LARGEST_FILE_BYTES = 4_000_000
+_LARGEST_FILE_BYTES = 500_000
+_MOST_VALUES = 100_000
+"""So many, with what aliases repeat, are a trap and no playbook."""
+_LONGEST_SHOWN = 80
 _NO_FORMATION = ("union_tag_invalid", "union_tag_not_found")
 """What pydantic calls a formation whose kind there is not."""
 
@@ -60,7 +63,7 @@ def load_runs(path: Path) -> tuple[MatrixRun, ...]:
 
 def _load(path: Path) -> tuple[Playbook, tuple[MatrixRun, ...]]:
     document = _read_yaml(path)
-    plain = _plain(document)
+    plain = _plain_document(path, document)
     playbook, errors = _validated(plain, path.parent)
     problems = [problem for details in errors for problem in _problems(path, document, details)]
     runs = [MatrixRun({}, playbook)] if playbook is not None and not playbook.matrix else []
@@ -109,26 +112,43 @@ def _site(plain: Mapping[str, Any]) -> tuple[GeodeticPosition, FormationFrame] |
 
 def _read_yaml(path: Path) -> CommentedMap:
     try:
-        if path.stat().st_size > _LARGEST_FILE_BYTES:
-            raise PlaybookError([PlaybookProblem(path, 1, 1, "is too large to be a playbook (over 4 MB)")])
-        document = YAML(typ="rt").load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            text = file.read(_LARGEST_FILE_BYTES + 1)
+        if len(text) > _LARGEST_FILE_BYTES:
+            raise PlaybookError([PlaybookProblem(path, 1, 1, "is too large to be a playbook (over 500 kB)")])
+        document = YAML(typ="rt").load(text.decode("utf-8"))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         raise PlaybookError([PlaybookProblem(path, line, column, f"is not YAML: {error.problem}")]) from error
-    except (OSError, UnicodeDecodeError, YAMLError, RecursionError, ValueError) as error:
+    except PlaybookError:
+        raise
+    except Exception as error:  # a file made to do harm makes its reader raise anything
         raise PlaybookError([PlaybookProblem(path, 1, 1, f"cannot be read: {error}")]) from error
     if not isinstance(document, CommentedMap):
         raise PlaybookError([PlaybookProblem(path, 1, 1, "is not a mapping of playbook sections")])
     return document
 
 
-def _plain(node: Any) -> Any:
-    """Return the node as plain dicts, lists and scalars (ruamel's own scalar classes would fail strict checks)."""
+def _plain_document(path: Path, document: CommentedMap) -> dict[str, Any]:
+    try:
+        plain: dict[str, Any] = _plain(document, iter(range(_MOST_VALUES)))
+    except (ValueError, TypeError, RecursionError) as error:
+        raise PlaybookError([PlaybookProblem(path, 1, 1, f"is no playbook: {error}")]) from error
+    return plain
+
+
+def _plain(node: Any, left: Iterator[int]) -> Any:
+    """Return the node as plain dicts, lists and scalars (ruamel's own scalar classes would fail strict checks).
+
+    ValueError when there are more of them than are `left`, TypeError when something cannot be a key.
+    """
+    if next(left, None) is None:
+        raise ValueError(f"it says more than {_MOST_VALUES} values, with those that its aliases repeat")
     if isinstance(node, Mapping):
-        return {_plain(key): _plain(value) for key, value in node.items()}
+        return {_plain(key, left): _plain(value, left) for key, value in node.items()}
     if isinstance(node, list):
-        return [_plain(value) for value in node]
+        return [_plain(value, left) for value in node]
     for kind in (bool, int, float, str):
         if isinstance(node, kind):
             return kind(node)
@@ -167,8 +187,17 @@ def _words(details: ErrorDetails) -> str:
     elif details["type"] in _NO_FORMATION:
         message = f"is no formation{suggestion(str(found.get('kind', '')), KINDS)}, found {found.get('kind')!r}"
     elif details["type"] != REFUSED and not isinstance(found, dict | list):
-        message += f", found {found!r}"
+        message += f", found {_shown(found)}"
     return f"{'.'.join(map(str, location)) or 'playbook'}: {message}"
+
+
+def _shown(found: Any) -> str:
+    """Return a value as it is shown: Python writes no number of thousands of digits, and nobody reads one."""
+    try:
+        text = repr(found)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def _position(document: CommentedMap, location: Sequence[int | str]) -> tuple[int, int]:
@@ -176,12 +205,11 @@ def _position(document: CommentedMap, location: Sequence[int | str]) -> tuple[in
     node: Any = document
     line, column = 0, 0
     for part in location:
-        if isinstance(node, CommentedMap) and part in node:
-            line, column = node.lc.key(part)
-        elif isinstance(node, CommentedSeq) and isinstance(part, int) and part < len(node):
-            line, column = node.lc.item(part)
-        else:
+        known = isinstance(node, CommentedMap) and part in node
+        if not known and not (isinstance(node, CommentedSeq) and isinstance(part, int) and part < len(node)):
             break
+        places = node.lc.data or {}  # what was merged into a mapping has no place of its own
+        line, column = places[part][:2] if part in places else (line, column)
         node = node[part]
     return line + 1, column + 1
 

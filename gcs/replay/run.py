@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ import msgspec
 
 from drivers.bus.keys import uav_of
 from drivers.bus.messages import BearingReport, MalformedMessageError
+from drivers.strict_json import MalformedError, read_any_json
 from gcs.errors import ServiceError
 from gcs.recording.facts import FILE as FACTS_FILE
 from gcs.recording.facts import RunFacts
@@ -74,8 +74,8 @@ class RunReplay:
         """Return every receiver of the plan, before anything has happened. ServiceError when there is no plan."""
         path = self.folder / "plan.json"
         try:
-            plan = plan_from_json(json.loads(read_text(path)))
-        except (ValueError, KeyError, TypeError, IndexError) as error:
+            plan = plan_from_json(read_any_json(read_text(path)))
+        except (MalformedError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
             raise ServiceError(f"{path} is not a plan: {error!r}") from error
         return {route.receiver: ReceiverRecord(route) for route in plan.routes}
 

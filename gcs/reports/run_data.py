@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -12,6 +11,8 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
+from drivers import strict_json
+from drivers.strict_json import MalformedError
 from gcs.errors import ServiceError
 from gcs.recording.facts import FILE as FACTS_FILE
 from gcs.recording.facts import RunFacts
@@ -130,8 +131,8 @@ def _optional_lines(path: Path, missing: list[str]) -> list[bytes]:
 
 def _plan(path: Path) -> RelayPlan:
     try:
-        return plan_from_json(json.loads(read_text(path)))
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+        return plan_from_json(strict_json.read_any_json(read_text(path)))
+    except (MalformedError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         raise ServiceError(f"{path} is not a plan: {error!r}") from error
 
 
@@ -139,7 +140,7 @@ def _entries(lines: Iterable[bytes]) -> Iterator[dict[str, Any]]:
     """Yield what stands in a journal; the last line of a killed service may not be whole."""
     for line in lines:
         with contextlib.suppress(msgspec.MsgspecError):
-            yield msgspec.json.decode(line, type=dict[str, Any])
+            yield strict_json.read_json(line, dict[str, Any])
 
 
 def _series(lines: Iterable[bytes]) -> Iterator[SeriesLine]:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from drivers import strict_json
 from gcs.errors import ServiceError
 from gcs.expectations.verdicts import Verdict
 
@@ -141,7 +142,7 @@ def read_text(path: Path) -> str:
 def read_json(path: Path, kind: type[_Kind]) -> _Kind:
     """Return what a JSON file holds; ServiceError when it holds nothing of the kind."""
     try:
-        return msgspec.json.decode(read_text(path), type=kind)
+        return strict_json.read_json(read_text(path), kind)
     except msgspec.MsgspecError as error:
         raise ServiceError(f"{path} is not what a run leaves behind: {error}") from error
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-import msgspec
-from pydantic import ValidationError
-
+from drivers.strict_json import MalformedError, read_any_json, read_json
 from gcs.errors import ServiceError
 from gcs.playbook.schema import Playbook
 from gcs.recording.facts import FILE as FACTS_FILE
@@ -43,12 +40,12 @@ class LeftRun:
 def read_left_run(folder: Path) -> LeftRun:
     """Return the run in a folder. ServiceError when it holds none that can go on."""
     try:
-        playbook = Playbook.model_validate(json.loads((folder / "playbook.json").read_bytes()))
-        plan = plan_from_json(json.loads((folder / "plan.json").read_bytes()))
-        facts = msgspec.json.decode((folder / FACTS_FILE).read_bytes(), type=RunFacts)
+        playbook = Playbook.model_validate(read_any_json((folder / "playbook.json").read_bytes()))
+        plan = plan_from_json(read_any_json((folder / "plan.json").read_bytes()))
+        facts = read_json((folder / FACTS_FILE).read_bytes(), RunFacts)
     except OSError as error:
         raise ServiceError(f"{folder} is no run that can go on: {error}") from error
-    except (ValidationError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (MalformedError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         raise ServiceError(f"{folder} is no run that can go on, its files cannot be read: {error}") from error
     if playbook.vehicles is None:
         raise ServiceError(
