@@ -119,7 +119,7 @@ WRONG = (
     ("test", "nowhere", "-k", "["),
     ("test", "OUT", "--junit", "/"),
     ("simulate", "PLAYBOOK", "--runs", "1", "--studies-dir", "README.md"),
-    ("simulate", "PLAYBOOK", "--runs", "1", "--dask", "nowhere"),
+    ("simulate", "PLAYBOOK", "--runs", "1", "--studies-dir", "OUT", "--dask", "nowhere"),
     ("faults", "PLAYBOOK", "--runs", "1", "--json", "/"),
     ("keys", "init", "PLAYBOOK", "--router", "tcp/1.2.3.4:5", "--out", "OUT"),
     ("keys", "init", "PLAYBOOK", "--router", "tls/a b:1", "--out", "OUT"),
