@@ -71,12 +71,16 @@ def _pip_audit(requirements: Path, service: str) -> list[dict[str, Any]]:
 
 def _page_says(pin: tuple[str, str]) -> Told:
     name, version = pin
-    try:
-        with urllib.request.urlopen(f"https://pypi.org/pypi/{name}/json", timeout=20) as page:
-            told = json.load(page)
-        newest, holes = told["info"]["version"], [f"{name} {version}: {hole['id']}" for hole in told["vulnerabilities"]]
-    except (OSError, ValueError, KeyError):
+    for _ in range(3):
+        try:
+            with urllib.request.urlopen(f"https://pypi.org/pypi/{name}/json", timeout=20) as page:
+                told = json.load(page)
+            break
+        except (OSError, ValueError):
+            continue
+    else:
         return Told(unknown=[f"{name} {version}"])
+    newest, holes = told["info"]["version"], [f"{name} {version}: {hole['id']}" for hole in told["vulnerabilities"]]
     return Told(holes) if newest == version else Told(unknown=[f"{name} {version} (not the newest)"])
 
 
