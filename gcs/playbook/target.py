@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import ValidationError
 
 from gcs.errors import ServiceError
 from gcs.playbook.schema import LONGEST_PATIENCE_S, Playbook, Target
+
+STALL_S: Final = 1.5
+"""For so long by its own clock this machine may be busy with something else."""
 
 
 def aimed(playbook: Playbook, target: Target | None = None) -> Playbook:
@@ -23,10 +28,10 @@ def aimed(playbook: Playbook, target: Target | None = None) -> Playbook:
 
 
 def patient(playbook: Playbook, speedup: float) -> Playbook:
-    """Return the playbook with the patience it has by this machine's clock, in simulated seconds: `give_up_s`.
+    """Return the playbook with a `give_up_s` that outlasts what a busy machine makes wait.
 
-    What a busy machine makes wait is not a fault of the swarm, and costs `speedup` times as long in simulated time.
-    Velocities are zero meanwhile as always.
+    That is no fault of the swarm, and costs `speedup` times as long in simulated time. Velocities are zero meanwhile as
+    always.
     """
-    patience_s = min(LONGEST_PATIENCE_S, playbook.flight.give_up_s * max(1.0, speedup))
+    patience_s = min(LONGEST_PATIENCE_S, max(playbook.flight.give_up_s, STALL_S * speedup))
     return playbook.model_copy(update={"flight": playbook.flight.model_copy(update={"give_up_s": patience_s})})

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from urllib.parse import urlsplit
 
 import pytest
@@ -31,9 +32,11 @@ async def latencies_ms(browser, during):
 async def stuck_for_a_while(browser):
     """Keep the page busy for three seconds, as a slow device would be, and wait until it follows again."""
     await browser.page.evaluate("() => { for (const end = performance.now() + 3000; performance.now() < end; ); }")
-    await browser.page.wait_for_function(
-        "() => import('/assets/store.js').then(store => store.latency.shown.length > 5)"
-    )
+    for _ in range(200):
+        if min(await browser.latencies_ms(), default=math.inf) < 1000.0:
+            return
+        await asyncio.sleep(0.1)
+    pytest.fail("it shows nothing new any more")
 
 
 async def resume_and_abort(browser):
@@ -150,7 +153,6 @@ async def test_a_hundred_vehicles_are_drawn_five_times_a_second(tmp_path):
                 pass
         shown_ms = await latencies_ms(browser, stuck_for_a_while(browser))
         assert len([each for each in shown_ms if each > 1000.0]) < 7  # most of the fifteen that came are left out
-        assert min(shown_ms) < 1000.0
         assert browser.wrong == []
 
 
