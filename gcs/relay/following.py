@@ -10,6 +10,8 @@ OVER_S: Final = 6.0
 """What was told and what was flown are compared over this: no vehicle and no link takes half as long to answer..."""
 _FOLLOWED_SHARE: Final = 0.5
 """...and one that came less than this share of its way has not."""
+_LEAST_M: Final = 3.0
+"""Who was told to come less far is not judged: PX4 answers the slowest velocities late, or by drifting."""
 _SURE_SIGMAS: Final = 5.0
 
 
@@ -43,6 +45,6 @@ class Following:
         then = marks[0]
         way, come = now.commanded - then.commanded, now.found - then.found
         told_m, sigma_m = abs(way), max(then.sigma_m, now.sigma_m)
-        if told_m and then.time_s <= time_s - OVER_S:
+        if told_m >= _LEAST_M and then.time_s <= time_s - OVER_S:
             short_m = told_m - (come * way.conjugate()).real / told_m
             self.lost = short_m > max((1.0 - _FOLLOWED_SHARE) * told_m, _SURE_SIGMAS * sigma_m)

@@ -55,6 +55,11 @@ def test_what_bearings_cannot_tell_is_not_held_against_it() -> None:
     assert watched(lambda at_s: 5 * at_s, lambda _: 0j, 30.0, sigma_m=10.0) is None
 
 
+def test_one_that_answers_the_slowest_velocities_by_drifting_is_not_judged() -> None:
+    """As PX4 does at the end of a leg."""
+    assert watched(lambda at_s: 0.45 * at_s, lambda at_s: -0.1 * at_s, 30.0, sigma_m=0.05) is None
+
+
 def test_begun_anew_nothing_counts_that_was_before() -> None:
     following = Following()
     for number in range(80):
