@@ -335,7 +335,7 @@ async def test_a_text_is_fetched_as_it_is_served(server):
 async def test_what_is_no_answer_is_an_error_that_names_the_address(server, answer, says):
     server.answer = answer
     with pytest.raises(SensorError) as caught:
-        await fetch_text(HttpAddress.parse(server.url), 0.2, 1000)
+        await fetch_text(HttpAddress.parse(server.url), 0.2 if answer is None else 10.0, 1000)
     assert says in str(caught.value)
     assert server.url in str(caught.value)
 

@@ -258,7 +258,7 @@ def test_a_vehicle_that_does_not_fly_as_told_is_held_long_before_its_leg_s_time(
     run = fly(three, fault("link_cut"))
     assert (run.outcome, run.violations) == ("held", [])
     assert "does not fly as told" in run.reason
-    assert run.duration_s < run.struck_s[0] + 15.0
+    assert run.duration_s < run.struck_s[0] + 25.0  # so near its end it is told to come slowly, which tells little
 
 
 def test_telling_a_vehicle_to_fly_that_does_not_is_found(playbook: Playbook) -> None:
