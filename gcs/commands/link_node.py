@@ -15,17 +15,16 @@ from rich.console import Console
 
 from drivers.bus.keys import NAME_PATTERN
 from drivers.bus.security import with_keys
-from drivers.bus.session import BusEndpoint, LiveBus, open_bus, require_closed
+from drivers.bus.session import BusEndpoint, require_closed
 from drivers.clock import SystemClock
-from drivers.errors import BusError
 from drivers.mavlink.tlog import open_tlogs
 from drivers.process import until_told_to_stop
 from gcs.commands.options import BusKeys, InsecureBus
 from gcs.errors import ServiceError
 from gcs.nodes.link_node import LinkNode, NoLogs, Say
+from gcs.run_bus import joined_aloud
 from gcs.takeovers import FrameLogs
 
-RETRY_S: Final = 2.0
 _ENDPOINT: Final = re.compile(r"(tcp|tls|quic|udp)/.+:\d+")
 
 
@@ -83,7 +82,7 @@ async def _run(name: str, swarm: str, endpoint: BusEndpoint, logs: Path | None, 
 
 async def _work(name: str, swarm: str, endpoint: BusEndpoint, logs: Path | None, say: Say) -> None:
     clock = SystemClock()
-    async with _joined(endpoint, say) as bus, _logged(logs, clock) as kept:
+    async with joined_aloud(endpoint, say) as bus, _logged(logs, clock) as kept:
         say(f"node {name}: on the bus of swarm {swarm} at {endpoint.endpoint}")
         await LinkNode(name, swarm, bus, clock, say, kept).run()
 
@@ -95,20 +94,3 @@ async def _logged(folder: Path | None, clock: SystemClock) -> AsyncIterator[Fram
         return
     async with open_tlogs(folder, clock) as tlogs:
         yield tlogs
-
-
-@contextlib.asynccontextmanager
-async def _joined(endpoint: BusEndpoint, say: Say) -> AsyncIterator[LiveBus]:
-    """Join the bus, waiting for a router for as long as there is none."""
-    said = False
-    async with contextlib.AsyncExitStack() as stack:
-        while True:
-            try:
-                bus = await stack.enter_async_context(open_bus(endpoint))
-                break
-            except BusError as error:
-                if not said:
-                    say(f"{error} Trying again every {RETRY_S:g} s.")
-                said = True
-            await asyncio.sleep(RETRY_S)
-        yield bus

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import json
 import re
-from collections.abc import AsyncIterator
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -21,14 +20,13 @@ from drivers.aoa.sensor import Say, Sensor
 from drivers.bus.keys import NAME_PATTERN, SwarmKeys
 from drivers.bus.messages import json_schemas
 from drivers.bus.security import with_keys
-from drivers.bus.session import Bus, BusEndpoint, open_bus, require_closed
+from drivers.bus.session import BusEndpoint, require_closed
 from drivers.clock import SystemClock
-from drivers.errors import BusError
 from drivers.process import until_told_to_stop
 from gcs.commands.options import BusKeys, InsecureBus
 from gcs.errors import ServiceError
+from gcs.run_bus import joined_aloud
 
-RETRY_S: Final = 2.0
 _LARGEST_SETTINGS_BYTES: Final = 100_000
 _ENDPOINT: Final = re.compile(r"(tcp|tls|quic|udp)/.+:\d+")
 
@@ -78,26 +76,9 @@ async def _run(made: Sensor, uav: str, keys: SwarmKeys, endpoint: BusEndpoint, c
 
 
 async def _work(made: Sensor, uav: str, keys: SwarmKeys, endpoint: BusEndpoint, clock: SystemClock, say: Say) -> None:
-    async with _joined(endpoint, say) as bus:
+    async with joined_aloud(endpoint, say) as bus:
         say(f"{uav}: on the bus of swarm {keys.swarm} at {endpoint.endpoint}")
         await SensorHost(made, uav, keys, bus, clock).run(say)
-
-
-@contextlib.asynccontextmanager
-async def _joined(endpoint: BusEndpoint, say: Say) -> AsyncIterator[Bus]:
-    """Join the bus, waiting for a router for as long as there is none: the UAV may be up before the ground is."""
-    said = False
-    async with contextlib.AsyncExitStack() as stack:
-        while True:
-            try:
-                bus = await stack.enter_async_context(open_bus(endpoint))
-                break
-            except BusError as error:
-                if not said:
-                    say(f"{error} Trying again every {RETRY_S:g} s.")
-                said = True
-            await asyncio.sleep(RETRY_S)
-        yield bus
 
 
 def _read(path: Path | None) -> Any:
