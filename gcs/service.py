@@ -54,6 +54,7 @@ from gcs.resume.left_run import LeftRun
 from gcs.resume.resumption import Resumption
 from gcs.run_bus import joined, start_router
 from gcs.safety import PositionBoard, SitePosition
+from gcs.separation import braking_way
 from gcs.simulated_sensors import start_sensors
 from gcs.simulated_vehicles import start_vehicles
 from gcs.stages.flow import run_stages
@@ -345,7 +346,8 @@ def _publish_positions(run: Run) -> None:
         def publish(kinematics: Kinematics) -> None:
             north_east, down_m = site.from_geodetic(kinematics.position)
             north_mps, east_mps, _ = kinematics.velocity_ned_mps
-            run.board.latest[name] = SitePosition(kinematics.time_s, north_east, -down_m)
+            way = braking_way(complex(north_mps, east_mps))
+            run.board.latest[name] = SitePosition(kinematics.time_s, north_east, -down_m, way)
             run.score.moved(name)
             place = (north_east.real, north_east.imag, down_m)
             report = PositionReport(run.clock.unix_ns(), *place, north_mps, east_mps, kinematics.heading_rad)

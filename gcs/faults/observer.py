@@ -44,14 +44,11 @@ class Rules:
     oldest_report_s: float
     speed_mps: float
     too_near_m: float
-    """Vehicles that follow the service never come nearer than this..."""
+    """Vehicles that the service flies never come nearer than this..."""
     tolerance_m: float
     """...and nobody is PLACED farther from its slot."""
     standing_mps: float = 0.5
     """Slower is at rest."""
-    touching_m: float = 1.0
-    """Who is lied to flies where it should not; its position stops it when it is too near, and it brakes from there."""
-
 
 @dataclass(frozen=True)
 class Sight:
@@ -221,7 +218,7 @@ class Observer:
                 self.closest_m = min(self.closest_m, apart_m)
             if apart_m >= self.rules.too_near_m:
                 continue
-            if not strays and (apart_m < self.rules.touching_m or not self.lied_to):
+            if not strays:
                 self.findings.add("separation", one, now_s, f"{apart_m:.1f} m from {other}")
             if first.heard and second.heard:
                 near |= {one: other, other: one}

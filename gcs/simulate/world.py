@@ -30,6 +30,7 @@ from gcs.relay.journey import Journey
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
 from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition
+from gcs.separation import braking_way
 from gcs.simulate.paper_journey import fly_as_the_paper
 from gcs.simulate.vehicle import SimulatedVehicle
 from gcs.simulated_vehicles import weather_of
@@ -92,7 +93,7 @@ class RelayWorld:
         self._safety = Safety(
             self.vehicles,
             bus.connected,
-            SafetyLimits(min_separation_m=playbook.planner.min_separation_m),
+            SafetyLimits.of(playbook.flight, playbook.planner.min_separation_m),
             board,
             {name: self.frame.to_site(at) for name, at in transmitters.items()},
         )
@@ -183,7 +184,9 @@ class RelayWorld:
         """Let every sensor measure now; the reports are on their way for as long as they take."""
         places, now_s = self.places(), self.clock.now_s()
         for name, vehicle in self.vehicles.items():
-            self.score.board.latest[name] = SitePosition(now_s, vehicle.place, vehicle.height_m)
+            self.score.board.latest[name] = SitePosition(
+                now_s, vehicle.place, vehicle.height_m, braking_way(vehicle.velocity)
+            )
             self.score.moved(name)
         for name, sensor in self.sensors.items():
             if name in self.silenced:

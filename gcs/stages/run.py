@@ -179,7 +179,7 @@ class Run:
         return Safety(
             vehicles=self.fleet.vehicles,
             bus_connected=self.bus.connected,
-            limits=SafetyLimits(min_separation_m=self.playbook.planner.min_separation_m),
+            limits=SafetyLimits.of(self.playbook.flight, self.playbook.planner.min_separation_m),
             positions=self.board,
             places={name: frame.to_site(transmitter.at) for name, transmitter in transmitters.items()},
             battery_percent=self._battery_percent,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from gcs.safety import PositionBoard, Safety, SafetyLimits, SitePosition
+from gcs.separation import braking_way
 
 
 @dataclass
@@ -66,3 +67,25 @@ def test_a_transmitter_away_from_its_place_is_not_standing() -> None:
     watched = Safety(vehicles, lambda: True, SafetyLimits(), told, {"L0": 0j, "L1": 100 + 0j})
     assert watched.objection("L0") == "it is 3.6 m from its place: have its pilot bring it back"
     assert watched.objection("L1") is None
+
+
+def flying(place: complex, velocity: complex, time_s: float = 0.0) -> SitePosition:
+    return SitePosition(time_s, place, 20.0, braking_way(velocity))
+
+
+def test_who_would_brake_into_another_is_told_to_while_it_can() -> None:
+    near = safety(positions=PositionBoard({"U1": flying(0j, 4 + 0j), "U2": flying(11 + 0j, 0j)}))
+    assert near.objection("U1") == "only 11.0 m from U2, and braking from now it would be 3.8 m"
+    for other in (flying(11 + 0j, 4 + 0j), flying(11.3 + 0j, 0j), flying(11 + 5j, 0j), flying(-5 + 0j, 0j)):
+        assert safety(positions=PositionBoard({"U1": flying(0j, 4 + 0j), "U2": other})).objection("U1") is None
+
+
+def test_who_was_stopped_does_not_fly_on_there() -> None:
+    told = PositionBoard({"U1": flying(0j, 4 + 0j), "U2": flying(11 + 0j, 0j)})
+    guard = Safety({"U1": Silence(), "U2": Silence()}, lambda: True, SafetyLimits(), told)
+    assert guard.objection("U1") is not None
+    told.latest["U1"] = flying(6.5 + 0j, 0j, 3.0)
+    assert guard.objection("U1") == "it is kept from U2, 4.5 m away"
+    assert guard.objection("U2") is None, "who stands is no danger to anybody"
+    told.latest["U2"] = flying(15 + 0j, 0j)
+    assert guard.objection("U1") is None

@@ -211,15 +211,12 @@ def test_coming_too_near_is_found_and_so_is_flying_on_there(two: Playbook) -> No
     assert run.closest_m < 4.0
 
 
-@pytest.mark.parametrize(
-    ("lied_to", "apart_m", "is_found"), [(False, 3.9, True), (True, 3.9, False), (True, 0.9, True)]
-)
-def test_who_is_lied_to_is_stopped_where_it_is_too_near_and_touches_nobody(
-    *, lied_to: bool, apart_m: float, is_found: bool
-) -> None:
-    observer = Observer(Rules(0.5, 0.5, 4.0, too_near_m=4.0, tolerance_m=3.0), ("U1",), lied_to=lied_to)
-    observer.look(1.0, {"U1": Sight(0j, 0j), "L1": Sight(complex(apart_m), 0j)})
-    assert bool(observer.findings.all) is is_found
+def test_who_is_lied_to_comes_no_nearer_than_anybody_else() -> None:
+    observer = Observer(Rules(0.5, 0.5, 4.0, too_near_m=4.0, tolerance_m=3.0), ("U1",), lied_to=True)
+    observer.look(1.0, {"U1": Sight(0j, 0j), "L1": Sight(4.1 + 0j, 0j)})
+    assert not observer.findings.all
+    observer.look(1.1, {"U1": Sight(0j, 0j), "L1": Sight(3.9 + 0j, 0j)})
+    assert [finding.invariant for finding in observer.findings.all] == ["separation"]
 
 
 def test_placing_without_looking_is_found(playbook: Playbook) -> None:
