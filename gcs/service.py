@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -95,6 +95,8 @@ class RunResult:
     report: dict[str, Any]
     folder: RunFolder
     figure: Path
+    unwritten: tuple[str, ...] = ()
+    """What could not be written into the folder, and why."""
 
 
 async def fly(playbook: Playbook, plan: RelayPlan, options: RunOptions, show: Show) -> RunResult:
@@ -143,7 +145,7 @@ async def _serve(
     status.say(f"run folder {folder.path}")
     async with contextlib.AsyncExitStack() as stack:
         await stack.enter_async_context(show(status))
-        journal = stack.enter_context(open_journal(folder.path / JOURNAL_FILE))
+        journal = stack.enter_context(open_journal(folder.path / JOURNAL_FILE, status.say))
         group = await stack.enter_async_context(process_group(logs))
         endpoint = playbook.bus.router or await start_router(group)
         bus = await stack.enter_async_context(joined(endpoint, playbook.bus.keys, insecure=playbook.bus.insecure))
@@ -163,7 +165,7 @@ async def _serve(
             await start_vehicles(playbook, fleet.vehicles, group, sim_time, sitl, ports)
         if playbook.sensor.is_simulated(vehicles_named=playbook.vehicles is not None):
             await start_sensors(playbook, playbook.seed, group, endpoint, sim_time)
-        simulation = Simulation(group, bus, SwarmKeys(playbook.name), taps)
+        simulation = Simulation(group, bus, SwarmKeys(playbook.name), taps, sim_time.speedup)
         run = _run(playbook, plan, options, clock, bus, folder, journal, status, fleet, simulation)
         run.takeovers = Takeovers(counted.setpoints)
         run.elsewhere = {name: share.stream for name, share in shares_of(desk).items()}
@@ -171,16 +173,24 @@ async def _serve(
         await stack.enter_async_context(_served(run, desk))
         await _staged(run, resumption)
         report = run.report()
-    folder.write_json("report.json", report)
     figure = folder.path / "figure.svg"
-    places = {name: transmitter.at for name, transmitter in playbook.transmitters.items()}
-    draw_plan(run.plan, places, figure, tracks=run.score.tracks, title=playbook.name)
-    try:
-        write_report(folder.path)
-        write_junit(folder.path / "junit.xml", [suite_of(playbook.name, report, folder.path)])
-    except ServiceError as error:
-        status.say(str(error))
-    return RunResult(report, folder, figure)
+    return RunResult(report, folder, figure, tuple(_unwritten(playbook, run, report, figure)))
+
+
+def _unwritten(playbook: Playbook, run: Run, report: dict[str, Any], figure: Path) -> Iterator[str]:
+    """Write what a run leaves behind; yield what of it cannot be written, and why: it has been flown all the same."""
+    folder, places = run.folder, {name: transmitter.at for name, transmitter in playbook.transmitters.items()}
+    steps: list[Callable[[], object]] = [
+        lambda: folder.write_json("report.json", report),
+        lambda: draw_plan(run.plan, places, figure, tracks=run.score.tracks, title=playbook.name),
+        lambda: write_report(folder.path),
+        lambda: write_junit(folder.path / "junit.xml", [suite_of(playbook.name, report, folder.path)]),
+    ]
+    for step in steps:
+        try:
+            step()
+        except (ServiceError, OSError) as error:
+            yield str(error)
 
 
 def _on_target(playbook: Playbook, options: RunOptions) -> tuple[Playbook, Sitl | None]:
@@ -248,7 +258,11 @@ def _run(
 
 async def _staged(run: Run, resumption: Resumption | None) -> None:
     """Run the stages, or those that are left; what goes wrong beside them is said, and ends them."""
-    async with _failures_said(run.status), background(run.clocks.run()), open_background() as run.start:
+    async with (
+        _failures_said(run.status),
+        background(run.clocks.run(), run.emission.run()),
+        open_background() as run.start,
+    ):
         with stopping_on_interrupt(run.operator):
             stages = run.playbook.flow if resumption is None else await resumption.begin(run)
             await run_stages(run, stages)
@@ -258,7 +272,7 @@ async def _staged(run: Run, resumption: Resumption | None) -> None:
 @contextlib.asynccontextmanager
 async def _recorded(run: Run, token: Token | None) -> AsyncIterator[None]:
     """Record what is said on the bus and measured, show it, and answer the operator, while the block lasts."""
-    with open_lines(run.folder.path / "series.jsonl", synced=False) as lines:
+    with open_lines(run.folder.path / "series.jsonl", synced=False, say=run.status.say) as lines:
         series = Series(lines, run.status, run.board, run.playbook.site.frame, run.clock)
         series.attach(run.bus, run.keys)
         async with (

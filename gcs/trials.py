@@ -101,6 +101,8 @@ def fly_trial(trial: Trial, runs_dir: Path, speedup: float, show: Show) -> Suite
         if not all(isinstance(reason, ServiceError | DriverError | PlannerError) for reason in reasons):
             raise
         return Suite(trial.name, clock.now_s() - began_s, error="; ".join(map(str, reasons)))
+    if result.unwritten:
+        return Suite(trial.name, clock.now_s() - began_s, error="; ".join(result.unwritten))
     return suite_of(trial.name, result.report, result.folder.path, clock.now_s() - began_s)
 
 

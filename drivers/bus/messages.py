@@ -18,6 +18,7 @@ LARGEST: Final = 2**63 - 1
 Count = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
 UnixNs = Annotated[int, msgspec.Meta(ge=0, le=LARGEST, description="ns since 1970-01-01 UTC")]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
+Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 DurationNs = Annotated[int, msgspec.Meta(ge=0, le=LARGEST, description="ns")]
 ClockName = Annotated[str, msgspec.Meta(max_length=64, description="which clock it is; empty: the UAV's only one")]
 
@@ -65,10 +66,30 @@ class Emission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     on: bool
 
 
-class SensorFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A fault injected into a simulated sensor."""
+AilmentKind = Literal["sensor_stuck", "sensor_bias", "sensor_jump", "clock_step", "clock_drift"]
+
+
+class Ailment(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What a simulated sensor does wrong: by how much, in rad, s or s/s; in the bearings of one transmitter, or all."""
+
+    kind: AilmentKind
+    amount: Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)] = 0.0
+    of: Name | None = None
+
+
+class SensorFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """All that is wrong from now on with a UAV's simulated sensor, and with how its reports arrive."""
 
     silent: bool
+    muted: bool = False
+    """Whether no sensor hears its transmitter any more."""
+    ailments: Annotated[list[Ailment], msgspec.Meta(max_length=256)] = []
+    loss: Share = 0.0
+    """Of reports; the following, too."""
+    duplication: Share = 0.0
+    reordering: Share = 0.0
+    delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
+    jitter_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
 
 
 class Progress(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -9,7 +9,7 @@ import signal
 import socket
 import sys
 from collections.abc import AsyncIterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -61,12 +61,23 @@ class CopterSpec:
         ]
 
 
+@dataclass(frozen=True)
+class _Command:
+    """How a process is started."""
+
+    arguments: Sequence[str]
+    stdin: bytes
+    folder: Path | None
+    environment: Mapping[str, str]
+
+
 @dataclass
 class ProcessGroup:
     """The processes of one run by name; their output goes to one log file each."""
 
     log_dir: Path
     processes: dict[str, asyncio.subprocess.Process]
+    _commands: dict[str, _Command] = field(default_factory=dict, init=False)
 
     async def start(
         self,
@@ -80,16 +91,33 @@ class ProcessGroup:
 
         SimulationError when it cannot be started.
         """
+        self._commands[name] = _Command(tuple(arguments), stdin, folder, environment)
+        await self._start(name, self._commands[name])
+
+    async def restart(self, name: str) -> None:
+        """Start a process of this group once more, as it was started; what still runs of it is killed.
+
+        SimulationError when it cannot be started, or never was.
+        """
+        if name not in self.processes:
+            raise SimulationError(f"there is no process of {name} to be started anew: it is not this run's own")
+        process = self.processes[name]
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
+        await self._start(name, self._commands[name])
+
+    async def _start(self, name: str, command: _Command) -> None:
         try:
-            with (self.log_dir / f"{name}.log").open("wb") as log_file:
+            with (self.log_dir / f"{name}.log").open("ab") as log_file:
                 process = await asyncio.create_subprocess_exec(
                     sys.executable,
-                    *arguments,
+                    *command.arguments,
                     stdin=asyncio.subprocess.PIPE,
                     stdout=log_file,
                     stderr=log_file,
-                    cwd=folder,
-                    env={**os.environ, **environment},
+                    cwd=command.folder,
+                    env={**os.environ, **command.environment},
                     start_new_session=True,  # a Ctrl-C in the terminal is the service's to handle, not theirs
                 )
         except OSError as error:
@@ -97,7 +125,7 @@ class ProcessGroup:
         self.processes[name] = process
         if process.stdin is not None:
             with contextlib.suppress(OSError):  # one that has already ended is noticed by its silence
-                process.stdin.write(stdin)
+                process.stdin.write(command.stdin)
                 await process.stdin.drain()
                 process.stdin.close()
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
+from typing import Any, Final
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import SimulationError
@@ -13,6 +14,8 @@ from drivers.simulation.impairment import UNIMPAIRED
 
 HOST = "127.0.0.1"
 Address = tuple[str, int]
+AGAIN_S: Final = 0.2
+"""How often a frame is said that is said again and again."""
 
 
 class LinkTap(asyncio.DatagramProtocol):
@@ -24,10 +27,13 @@ class LinkTap(asyncio.DatagramProtocol):
         """What befalls each datagram, either way."""
         self.cut = False
         """Whether nothing gets through, either way."""
+        self.mute = False
+        """Whether nothing of the vehicle gets through; it is still spoken to."""
         self.port = 0
         self._clock = clock
         self._draws = random.Random(seed)  # noqa: S311 - noise, not secrets
         self._under_way: set[asyncio.Task[None]] = set()
+        self._saying: asyncio.Task[None] | None = None
         self._service = service
         self._vehicle: Address | None = None
         self._transport: asyncio.DatagramTransport | None = None
@@ -41,20 +47,24 @@ class LinkTap(asyncio.DatagramProtocol):
         """Pass a datagram on to the other side."""
         if addr != self._service:
             self._vehicle = addr
-        if self.cut:
+        if self.cut or (self.mute and addr != self._service):
             return
         to = self._vehicle if addr == self._service else self._service
         for after_s in self.impairment.arrivals_s(self._draws):
             if after_s <= 0.0:
                 self._send(data, to)
                 continue
-            task = asyncio.ensure_future(self._send_later(data, to, after_s))
-            self._under_way.add(task)
-            task.add_done_callback(self._under_way.discard)
+            self._begin(self._send_later(data, to, after_s))
 
     def speak(self, frame: bytes) -> None:
         """Send a frame to the vehicle beside the service, cut or not, as another station would."""
         self._send(frame, self._vehicle)
+
+    def keep_saying(self, frame: bytes | None) -> None:
+        """Speak a frame again and again from now on, as another station would; None: no more."""
+        if self._saying is not None:
+            self._saying.cancel()
+        self._saying = None if frame is None else self._begin(self._say_on(frame))
 
     def error_received(self, exc: Exception) -> None:
         """One side is not there: what it does not hear is lost."""
@@ -63,6 +73,17 @@ class LinkTap(asyncio.DatagramProtocol):
         """Lose what is under way."""
         for task in self._under_way:
             task.cancel()
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.ensure_future(work)
+        self._under_way.add(task)
+        task.add_done_callback(self._under_way.discard)
+        return task
+
+    async def _say_on(self, frame: bytes) -> None:
+        while True:
+            self.speak(frame)
+            await self._clock.sleep(AGAIN_S)
 
     async def _send_later(self, data: bytes, address: Address | None, after_s: float) -> None:
         await self._clock.sleep(after_s)

@@ -86,7 +86,7 @@ def fly(
     """Fly a playbook, every run of its matrix.
 
     Exit status 0 only when all that it expects came true, or where it expects nothing, when all its stages were done
-    and every receiver is PLACED.
+    and every receiver is PLACED; and the report of it could be written.
     """
     if target is not None and sitl is not None:
         raise ServiceError("--sitl is the old word for --target: give one of them")
@@ -106,7 +106,7 @@ def _fly(
     runs: Sequence[MatrixRun], options: RunOptions, sigma_deg: float | None, json: Path | None, dashboard: str | None
 ) -> None:
     planned = [(run, *_planned(run, sigma_deg)) for run in runs]
-    console, reports = Console(), list[Mapping[str, Any]]()
+    console, reports, incomplete = Console(), list[Mapping[str, Any]](), False
     with dashboard_beside(dashboard, options.runs_dir) as address:
         if address is not None:
             console.print(f"dashboard at {address}", soft_wrap=True)
@@ -115,13 +115,14 @@ def _fly(
                 console.print(Text(f"{playbook.name}: {run.label}", style="bold"))
             result = _flown(console, playbook, plan, replace(options, values=run.values))
             reports.append(result.report)
+            incomplete = incomplete or bool(result.unwritten)
             if any(stage["outcome"] == "stopped" for stage in result.report["stages"]):
                 break
         if address is not None and sys.stdin.isatty():
             console.input("Enter ends the dashboard ")
     if json is not None:
         write_json(json, reports if len(runs) > 1 else reports[0])
-    if len(reports) < len(runs) or not all(all_passed(verdicts_of(report)) for report in reports):
+    if incomplete or len(reports) < len(runs) or not all(all_passed(verdicts_of(report)) for report in reports):
         raise typer.Exit(1)
 
 
@@ -166,6 +167,11 @@ def print_result(console: Console, result: RunResult) -> None:
     for verdict in msgspec.convert(report["verdicts"], list[Verdict]):
         came_true = ("as expected ", "green") if verdict.passed else ("not as expected ", "bold red")
         console.print(Text.assemble(came_true, str(verdict)), soft_wrap=True)
+    if result.unwritten:
+        for problem in result.unwritten:
+            console.print(problem, style="red", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"once there is room again: bearing-relay report {result.folder.path}", soft_wrap=True)
+        return
     console.print(f"report {result.folder.path / 'report.html'}", soft_wrap=True)
 
 

@@ -43,6 +43,7 @@ Kind = Literal[
     "pilot_transmitter",
     "service_stopped",
     "service_killed",
+    "router_restarted",
 ]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 
@@ -122,7 +123,7 @@ _OF_A_TRANSMITTER: Final = frozenset({"transmitter_drift", "transmitter_silent",
 _FOR_EVER: Final = frozenset(
     {"clock_step", "clock_drift", "battery_low", "pilot_receiver", "pilot_transmitter", "service_killed"}
 )
-_FOR_A_WHILE: Final = frozenset({"vehicle_reboot", "service_stopped"})
+_FOR_A_WHILE: Final = frozenset({"vehicle_reboot", "service_stopped", "router_restarted"})
 
 
 def draw_faults(plan: RelayPlan, seed: int) -> tuple[Fault, ...]:

@@ -13,7 +13,10 @@ from gcs.faults.sensor import FaultySensor
 from gcs.faults.vehicle import FaultyVehicle
 
 FOR_ALL: Final[frozenset[Kind]] = frozenset(
-    {"bus_lost", "transmitter_silent", "pilot_receiver", "pilot_transmitter", "service_stopped", "service_killed"}
+    {
+        *("bus_lost", "router_restarted", "transmitter_silent", "pilot_receiver", "pilot_transmitter"),
+        *("service_stopped", "service_killed"),
+    }
 )
 """What must stop all that fly, not its target alone."""
 
@@ -46,6 +49,8 @@ def switch(plant: Plant, fault: Fault, *, on: bool) -> None:
         return
     if fault.kind == "bus_lost":
         (plant.bus.go if on else plant.bus.come_back)()
+    elif fault.kind == "router_restarted":
+        (plant.bus.go if on else plant.bus.start_anew)()
     elif fault.kind == "report_loss":
         plant.bus.lost_share[fault.target] = fault.amount if on else 0.0
     elif fault.kind == "report_duplication":
@@ -56,7 +61,7 @@ def switch(plant: Plant, fault: Fault, *, on: bool) -> None:
     elif on:
         plant.sensors[fault.target].strike(fault)
     else:
-        plant.sensors[fault.target].ails.pop(fault.kind, None)
+        plant.sensors[fault.target].mend(fault.kind)
 
 
 def _switch_vehicle(vehicle: FaultyVehicle, fault: Fault, *, on: bool) -> bool:
@@ -93,6 +98,7 @@ def stop_within_s(
     heard = set(on_air)
     within_s: dict[Kind, float] = {
         "bus_lost": lease_s + _LATENCY_S,
+        "router_restarted": lease_s + _LATENCY_S,
         "sensor_silent": lease_s + _LATENCY_S,
         "sensor_stuck": lease_s + _LATENCY_S + _NOTICED_S,
         "telemetry_lost": _LATENCY_S + _NOTICED_S,

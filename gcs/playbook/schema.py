@@ -21,7 +21,17 @@ from gcs.playbook.formation import Formation
 from gcs.playbook.links import Mavlink, VehicleEntry, VehicleLayer, VehicleLink, clashes, layered
 from gcs.playbook.sections import Degrees, Metres, Name, Point, Section
 from gcs.playbook.sensor_section import SensorSection
-from gcs.playbook.stage_rules import OF_THE_ROUTER, ON_THE_LINK, Known, NamedStage, as_ever, named, stage_problems
+from gcs.playbook.stage_rules import (
+    OF_A_SENSOR,
+    OF_A_TRANSMITTER,
+    OF_THE_ROUTER,
+    ON_THE_LINK,
+    Known,
+    NamedStage,
+    as_ever,
+    named,
+    stage_problems,
+)
 from gcs.playbook.stages import StageItem
 from gcs.playbook.suggestions import Problem, refuse
 from planner.frames import FormationFrame, GeodeticPosition
@@ -197,6 +207,8 @@ class Playbook(Section):
                 yield ("stages", number, "inject"), "faults are injected into simulated vehicles only: see target"
             elif flown_on == "px4" and fault in ON_THE_LINK:
                 yield ("stages", number, "inject", "fault"), f"{fault} needs a link of its own, which PX4's has not"
+            elif fault in OF_A_SENSOR | OF_A_TRANSMITTER and self.sensor.simulated is False:
+                yield ("stages", number, "inject", "fault"), f"{fault} needs simulated sensors: see sensor.simulated"
             elif fault in OF_THE_ROUTER and self.bus.router is not None:
                 yield (
                     ("stages", number, "inject", "fault"),

@@ -3,23 +3,50 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from types import MappingProxyType
 from typing import Final
 
-from gcs.playbook.stages import AnyStage, EmissionStage, Inject, Land, Preflight, Relay, StageEntry, Takeoff
+from gcs.playbook.stages import AnyStage, EmissionStage, Fault, Inject, Land, Preflight, Relay, StageEntry, Takeoff
 from gcs.playbook.suggestions import Location, Problem, suggestion
 
 IN_THE_AIR: Final = frozenset({"locate", "relay", "hold", "measure", "return", "land"})
 BEFORE_THE_RELAY: Final = frozenset({"locate", "plan"})
 ONCE: Final = frozenset({"arm", "takeoff", "relay"})
-OF_A_UAV: Final = frozenset({"pilot", "link_cut", "link_faults", "freeze", "reboot", "battery_low"})
-ON_THE_LINK: Final = frozenset({"pilot", "link_cut", "link_faults", "reboot", "battery_low"})
+ON_THE_LINK: Final[frozenset[Fault]] = frozenset(
+    {"pilot", "link_cut", "link_faults", "telemetry_lost", "reboot", "battery_low", "transmitter_drift"}
+)
 """These need a link of its own for each vehicle, with a tap on it."""
-OF_THE_ROUTER: Final = frozenset({"router_killed", "router_frozen"})
+OF_A_UAV: Final[frozenset[Fault]] = ON_THE_LINK | {"freeze"}
+OF_A_SENSOR: Final[frozenset[Fault]] = frozenset(
+    {"sensor_silent", "sensor_stuck", "sensor_bias", "sensor_jump", "clock_step", "clock_drift", "report_faults"}
+)
+"""These need a simulated sensor."""
+OF_A_TRANSMITTER: Final[frozenset[Fault]] = frozenset({"transmitter_silent"})
+"""These, too."""
+OF_THE_ROUTER: Final[frozenset[Fault]] = frozenset({"router_killed", "router_frozen"})
 """These need a bus router that is the run's own."""
-WITHOUT_END: Final = frozenset({"pilot", "reboot", "router_killed"})
-OF_LINK_FAULTS: Final = ("loss", "duplication", "reordering", "delay_s", "jitter_s")
+WITHOUT_END: Final[frozenset[Fault]] = frozenset({"pilot", "reboot", "clock_step", "clock_drift", "service_killed"})
+FOR_A_WHILE: Final[frozenset[Fault]] = frozenset({"service_frozen"})
+_IMPAIRED: Final = ("loss", "duplication", "reordering", "delay_s", "jitter_s")
+AMOUNTS: Final[Mapping[Fault, Sequence[str]]] = MappingProxyType(
+    {
+        "link_faults": _IMPAIRED,
+        "report_faults": _IMPAIRED,
+        "sensor_bias": ("bias_deg",),
+        "sensor_jump": ("jump_deg",),
+        "clock_step": ("step_s",),
+        "clock_drift": ("drift_ppm",),
+        "transmitter_drift": ("speed_mps",),
+    }
+)
+"""One or more of these say how much of a fault there is."""
+DETAILS: Final[Mapping[Fault, Sequence[str]]] = MappingProxyType(
+    {"sensor_bias": ("of",), "sensor_jump": ("of",), "transmitter_drift": ("course_deg",)}
+)
+"""These may be said besides."""
 
 
 @dataclass(frozen=True)
@@ -112,13 +139,12 @@ def _emission_problems(place: Location, stage: EmissionStage, known: Known) -> I
 
 
 def _fault_problems(place: Location, stage: Inject, known: Known) -> Iterator[Problem]:
-    allowed = known.uavs if stage.fault in OF_A_UAV else known.receivers if stage.fault == "sensor_silent" else ()
-    if stage.vehicle is None and allowed:
+    what, allowed = _struck_by(stage.fault, known)
+    if stage.vehicle is None and what:
         yield (*place, "vehicle"), f"is missing: whom does {stage.fault} strike?"
-    elif stage.vehicle is not None and not allowed:
+    elif stage.vehicle is not None and not what:
         yield (*place, "vehicle"), f"{stage.fault} strikes no vehicle"
     elif stage.vehicle is not None and stage.vehicle not in allowed:
-        what = "UAV" if stage.fault in OF_A_UAV else "receiver"
         yield (*place, "vehicle"), f"{stage.vehicle!r} is no {what}{suggestion(stage.vehicle, allowed)}"
     if stage.at is not None and stage.at.receiver not in known.receivers:
         unknown = f"{stage.at.receiver!r} is no receiver{suggestion(stage.at.receiver, known.receivers)}"
@@ -127,8 +153,33 @@ def _fault_problems(place: Location, stage: Inject, known: Known) -> Iterator[Pr
         yield (*place, "after_s"), "it strikes at a moment of the relay (at: {..., after_s: ...}) or after_s from now"
     if stage.for_s is not None and stage.fault in WITHOUT_END:
         yield (*place, "for_s"), f"{stage.fault} does not end by itself"
-    impaired = [word for word in OF_LINK_FAULTS if getattr(stage, word)]
-    if stage.fault == "link_faults" and not impaired:
-        yield place, f"nothing fails: it takes one or more of {', '.join(OF_LINK_FAULTS)}"
-    if stage.fault != "link_faults":
-        yield from (((*place, word), f"goes with link_faults, not with {stage.fault}") for word in impaired)
+    if stage.for_s is None and stage.fault in FOR_A_WHILE:
+        yield (*place, "for_s"), f"is missing: {stage.fault} would last for ever, and so would the run"
+    yield from (((*place, *where), problem) for where, problem in _amount_problems(stage, known))
+
+
+def _struck_by(fault: Fault, known: Known) -> tuple[str, Collection[str]]:
+    """Return what a fault strikes, and who is one; nothing and nobody where it strikes no vehicle."""
+    if fault in OF_A_UAV:
+        return "UAV", known.uavs
+    if fault in OF_A_SENSOR:
+        return "receiver", known.receivers
+    if fault in OF_A_TRANSMITTER:
+        return "transmitter", [*known.transmitters, *known.receivers]
+    return "", ()
+
+
+def _amount_problems(stage: Inject, known: Known) -> Iterator[Problem]:
+    needed = AMOUNTS.get(stage.fault, ())
+    if needed and not any(getattr(stage, word) for word in needed):
+        which = f"one or more of {', '.join(needed)}" if len(needed) > 1 else f"{needed[0]}, other than 0"
+        yield (), f"nothing fails: it takes {which}"
+    for word in dict.fromkeys(chain(*AMOUNTS.values(), *DETAILS.values())):
+        if getattr(stage, word) and word not in (*needed, *DETAILS.get(stage.fault, ())):
+            its = [fault for table in (AMOUNTS, DETAILS) for fault, words in table.items() if word in words]
+            yield (word,), f"goes with {' or '.join(its)}, not with {stage.fault}"
+    on_the_air = [*known.transmitters, *known.receivers]
+    if stage.of is not None and stage.of not in on_the_air:
+        yield ("of",), f"{stage.of!r} is no transmitter{suggestion(stage.of, on_the_air)}"
+    elif stage.of is not None and stage.of == stage.vehicle:
+        yield ("of",), f"{stage.of} does not hear itself"

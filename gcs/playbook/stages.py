@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints, model_serializer, model_validator
 
 from gcs.expectations import Expectations
-from gcs.playbook.sections import Name, Section
+from gcs.playbook.sections import Degrees, Name, Section
 
 BareWord = Literal[
     "connect", "preflight", "arm", "takeoff", "locate", "plan", "relay", "measure", "return", "land"
@@ -17,9 +17,19 @@ OnFailure = Literal["hold", "skip", "return", "land", "abort"]
 Duration = Annotated[float, Field(gt=0.0, le=86_400.0)]
 Delay = Annotated[float, Field(ge=0.0, le=86_400.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Turn = Annotated[float, Field(ge=-180.0, le=180.0)]
 Fault = Literal[
     "pilot",
     "sensor_silent",
+    "sensor_stuck",
+    "sensor_bias",
+    "sensor_jump",
+    "clock_step",
+    "clock_drift",
+    "report_faults",
+    "transmitter_silent",
+    "transmitter_drift",
+    "telemetry_lost",
     "link_cut",
     "link_faults",
     "freeze",
@@ -27,6 +37,9 @@ Fault = Literal[
     "battery_low",
     "router_killed",
     "router_frozen",
+    "service_frozen",
+    "service_killed",
+    "disk_full",
 ]
 RelayState = Literal["LOCATING", "LEG_1", "LEG_2", "VERIFYING", "TRIMMING", "PLACED", "HELD", "PILOT", "FAILED"]
 
@@ -130,10 +143,22 @@ class When(Section):
 class Inject(Stage):
     """Arm a fault of the simulation: it strikes `after_s` from now, or at a moment of the relay; the run goes on.
 
-    `pilot`: a pilot's station takes `vehicle` out of guided flight. `sensor_silent`, `link_cut`, `freeze`: the sensor,
-    the link or the whole process of `vehicle` falls silent, for ever or `for_s`. `link_faults`: its radio loses,
-    repeats and delays packets, either way, and lets some overtake others. `reboot`: its autopilot starts anew.
-    `battery_low`: it tells of an empty battery. `router_killed`: the bus has gone; `router_frozen`: it stands still.
+    Most are for ever, or end after `for_s`; where drawn by lot, then from the playbook's `seed`.
+
+    Of a UAV. `pilot`: a pilot's station takes `vehicle` out of guided flight. `link_cut`, `telemetry_lost`: nothing
+    gets through any more, or nothing that it says. `link_faults`: its radio loses, repeats and delays packets, either
+    way, and lets some overtake others. `freeze`: its whole process stands still. `reboot`: its autopilot starts anew.
+    `battery_low`: it tells of an empty battery. `transmitter_drift`: another station flies it off, in its guided mode.
+
+    Of a receiver's sensor. `sensor_silent`: it reports nothing. `sensor_stuck`: it reports the same again and again.
+    `sensor_bias`, `sensor_jump`: its bearings, or those `of` one transmitter, are off by an angle. `clock_step`,
+    `clock_drift`: its clock is set, or goes wrong. `report_faults`: what `link_faults` are to packets, to its reports.
+
+    Of a transmitter, be it a beacon. `transmitter_silent`: no sensor hears it any more.
+
+    Of none. `router_killed`: the bus has gone, with `for_s` until its router is started anew. `router_frozen`: it
+    stands still. `service_frozen`: this service does, and `service_killed` ends it, and with it what it simulates.
+    `disk_full`: nothing that this service writes gets into any file.
     """
 
     fault: Fault
@@ -142,12 +167,25 @@ class Inject(Stage):
     after_s: Delay | None = None
     for_s: Duration | None = None
     loss: Share = 0.0
-    """Of packets, of `link_faults`; the following, too."""
+    """Of packets, of `link_faults`, or reports, of `report_faults`; the following, too."""
     duplication: Share = 0.0
     reordering: Share = 0.0
     delay_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     jitter_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """At most so much is added to the delay of each."""
+    bias_deg: Turn = 0.0
+    """Clockwise, of `sensor_bias`."""
+    jump_deg: Turn = 0.0
+    """Clockwise, of `sensor_jump`."""
+    of: Name | None = None
+    """The only transmitter whose bearings are off."""
+    step_s: Annotated[float, Field(ge=-3600.0, le=3600.0)] = 0.0
+    """By which `clock_step` sets the clock forward."""
+    drift_ppm: Annotated[float, Field(ge=-1e5, le=1e5)] = 0.0
+    """Which the clock gains, of `clock_drift`."""
+    speed_mps: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """Of `transmitter_drift`, and its course."""
+    course_deg: Degrees = 0.0
 
 
 AnyStage = (

@@ -23,7 +23,7 @@ from drivers.clock import Clock
 from gcs.errors import ServiceError
 from gcs.recording.mcap_file import McapFiles, RecordingFullError, SizeLimits
 from gcs.recording.mcap_reading import parts_of
-from gcs.recording.run_folder import write_json
+from gcs.recording.run_folder import replace_json
 from gcs.recording.topics import Unreadable, decoded, every_message, message_on, monitor_topic, monitored
 from gcs.recording.traffic import Traffic
 from gcs.recording.versions import versions
@@ -177,6 +177,6 @@ def _close(folder: Path, recording: Recording, thread: threading.Thread, tell: S
         tell(f"{folder}: the disk does not answer: the recording may not be complete")
         return
     try:
-        write_json(folder / "traffic.json", recording.figures())
+        replace_json(folder / "traffic.json", recording.figures())
     except ServiceError as error:
         tell(str(error))

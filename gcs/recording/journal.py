@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import ServiceError
-from gcs.recording.lines import LineFile, open_lines
+from gcs.recording.lines import LineFile, Tell, open_lines
 from gcs.relay.records import ReceiverRecord
 from planner.plan import RelayPlan, plan_to_json
 
@@ -38,12 +38,13 @@ class Journal:
 
 
 @contextlib.contextmanager
-def open_journal(path: Path) -> Iterator[Journal]:
+def open_journal(path: Path, say: Tell | None = None) -> Iterator[Journal]:
     """Open a journal for appending; everything appended is on disk when the block ends.
 
-    ServiceError when it cannot be opened, or while another process has it open: a run is flown by one.
+    `say` is told on the event loop when it cannot be written any more. ServiceError when it cannot be opened, or while
+    another process has it open: a run is flown by one.
     """
-    with open_lines(path, synced=True) as lines, _alone(path):
+    with open_lines(path, synced=True, say=say) as lines, _alone(path):
         yield Journal(lines)
 
 

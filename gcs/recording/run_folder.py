@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -40,8 +41,21 @@ class RunFolder:
         return self.path / "logs"
 
     def write_json(self, name: str, data: Any) -> Path:
-        """Write a JSON document into the folder and return its path."""
-        return write_json(self.path / name, data)
+        """Write a JSON document into the folder and return its path, as `replace_json`."""
+        return replace_json(self.path / name, data)
+
+
+def replace_json(path: Path, data: Any) -> Path:
+    """Write a JSON document whole, or leave the one before as it is: ServiceError when it cannot be written."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        write_json(new, data)
+        new.replace(path)
+    except (ServiceError, OSError) as error:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise ServiceError(f"{path} cannot be written: {error.__cause__ or error}") from error
+    return path
 
 
 def write_json(path: Path, data: Any) -> Path:

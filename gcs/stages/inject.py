@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Final
 
-from drivers.simulation.impairment import Impairment
+from drivers.errors import SimulationError
 from gcs.errors import ServiceError
 from gcs.playbook.stages import Inject, When
 from gcs.stages.outlook import Foreseen, Outlook
 from gcs.stages.run import Run
+from gcs.stages.simulation import End
 
+ENDS_WITH_THE_STAGES: Final = frozenset({"disk_full"})
+"""These befall the service itself, which outlasts the run."""
 _LOOK_S: Final = 0.05
+_KNOWN: Final = (ServiceError, SimulationError)
 
 
 async def do(run: Run, stage: Inject) -> None:
@@ -26,14 +31,28 @@ async def _strike(run: Run, stage: Inject) -> None:
     else:
         await _moment(run, stage.at)
     try:
-        end = run.simulation.strike(stage.fault, stage.vehicle, impairment_of(stage))
+        end = await run.simulation.strike(stage)
         run.tell(f"injected: {_named(stage)}")
-        if stage.for_s is not None:
-            await run.clock.sleep(stage.for_s)
-            end()
-            run.tell(f"over: {_named(stage)}")
-    except ServiceError as error:
+    except _KNOWN as error:
         run.tell(f"not injected: {_named(stage)}: {error}")
+        return
+    if stage.for_s is not None or stage.fault in ENDS_WITH_THE_STAGES:
+        await _end(run, stage, end)
+
+
+async def _end(run: Run, stage: Inject, end: End) -> None:
+    """End a fault when its time is over, or with the stages when it would outlast them."""
+    try:
+        await (asyncio.Event().wait() if stage.for_s is None else run.clock.sleep(stage.for_s))
+    except asyncio.CancelledError:
+        if stage.fault in ENDS_WITH_THE_STAGES:
+            await end()
+        raise
+    try:
+        await end()
+        run.tell(f"over: {_named(stage)}")
+    except _KNOWN as error:
+        run.tell(f"not over: {_named(stage)}: {error}")
 
 
 async def _moment(run: Run, at: When) -> None:
@@ -41,11 +60,6 @@ async def _moment(run: Run, at: When) -> None:
     while (record := run.records.get(at.receiver)) is None or record.state.value != at.state:
         await run.clock.sleep(_LOOK_S)
     await run.clock.sleep(at.after_s)
-
-
-def impairment_of(stage: Inject) -> Impairment:
-    """Return what `link_faults` do to a link."""
-    return Impairment(stage.loss, stage.duplication, stage.reordering, stage.delay_s, stage.jitter_s)
 
 
 def _named(stage: Inject) -> str:

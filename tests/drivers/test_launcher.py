@@ -125,6 +125,23 @@ async def test_a_process_that_ends_before_it_reads_its_input_does_not_fail_the_s
     assert await asyncio.wait_for(group.processes["deaf"].wait(), PATIENCE_S) == 0
 
 
+@pytest.mark.slow
+async def test_a_process_is_started_anew_as_it_was_and_its_log_goes_on(group):
+    script = f"import sys; print(sys.stdin.read(), flush=True); {FOREVER}"
+    await group.start("again", ["-c", script], stdin=b"told")
+    await said(group, "again", "here")
+    first = group.processes["again"]
+    await group.restart("again")
+    assert first.returncode == -signal.SIGKILL
+    await said(group, "again", "told\nhere\ntold\nhere\n")
+    group.require_running("again")
+
+
+async def test_what_was_never_started_is_not_started_anew(group):
+    with pytest.raises(SimulationError, match="no process of U1 to be started anew"):
+        await group.restart("U1")
+
+
 async def test_a_process_that_cannot_be_started_is_an_error_that_names_it(tmp_path):
     async with process_group(tmp_path / "no such folder") as group:
         with pytest.raises(SimulationError, match=r"the process of U1 cannot be started: .*no such folder"):

@@ -15,6 +15,7 @@ from drivers.aoa.model import ClockFault, SensorFaults
 from drivers.aoa.simulated import SensorSettings, run_sensors
 from drivers.bus.keys import SwarmKeys
 from drivers.bus.messages import (
+    Ailment,
     BearingReport,
     ClockPing,
     ClockPong,
@@ -242,6 +243,71 @@ async def test_a_sensor_fault_silences_that_sensor_until_it_is_lifted(world):
     world.bus.put_latest(KEYS.sensor_fault("U1"), encode(SensorFault(silent=False)))
     await world.let_pass(0.5)
     assert len(world.reports("U1")) > left
+
+
+async def test_reports_are_lost_doubled_and_turned_as_a_fault_says_and_are_well_again_after_it(world):
+    world.emit("L0")
+    await world.let_pass(0.5)
+    world.bus.put_latest(KEYS.sensor_fault("U1"), encode(SensorFault(silent=False, loss=1.0)))
+    await world.let_pass(0.3)
+    left = len(world.reports())
+    await world.let_pass(1.0)
+    assert len(world.reports()) == left
+    turned = SensorFault(silent=False, ailments=[Ailment("sensor_bias", 0.25)], duplication=1.0)
+    world.bus.put_latest(KEYS.sensor_fault("U1"), encode(turned))
+    await world.let_pass(2.0)
+    reports = world.reports()[left:]
+    assert len(reports) > 1.5 * len({report.sequence for report in reports})
+    assert math.degrees(reports[-1].bearings[0].azimuth_rad) == pytest.approx(225 + math.degrees(0.25))
+    world.bus.put_latest(KEYS.sensor_fault("U1"), encode(SensorFault(silent=False)))
+    await world.let_pass(1.5)
+    assert math.degrees(world.reports()[-1].bearings[0].azimuth_rad) == pytest.approx(225)
+
+
+async def test_a_transmitter_that_is_muted_is_heard_by_nobody_though_it_emits(world):
+    world.places["U2"] = 0 + 50j
+    for name in ("L0", "L1", "U2"):
+        world.emit(name)
+    await world.let_pass(0.5)
+    for name in ("L0", "U2"):
+        world.bus.put_latest(KEYS.sensor_fault(name), encode(SensorFault(silent=False, muted=True)))
+    await world.let_pass(0.5)
+    assert world.heard("U1") == {"L1"}
+    assert world.heard("U2") == {"L1"}
+    world.bus.put_latest(KEYS.sensor_fault("L0"), encode(SensorFault(silent=False)))
+    await world.let_pass(0.5)
+    assert world.heard("U1") == {"L0", "L1"}
+
+
+async def test_what_was_told_while_the_bus_was_gone_counts_when_it_is_back_but_nothing_older(world):
+    world.emit("L0")
+    await world.let_pass(1.0)
+    world.bus.up = False
+    world.emit("L0", on=False)
+    world.emit("L1")
+    world.bus.put_reliably(KEYS.sensor_fault("U1"), encode(SensorFault(silent=False, muted=True)))
+    await world.let_pass(1.0)
+    world.bus.up = True
+    await world.let_pass(1.5)
+    assert world.heard() == {"L1"}
+    world.emit("L0")
+    await world.let_pass(1.5)
+    assert world.heard() == {"L0", "L1"}
+
+
+async def test_whoever_is_back_later_than_the_sensors_is_asked_again(world):
+    world.emit("L0")
+    await world.let_pass(1.0)
+    world.bus.up = False
+    world.emit("L1")
+    remembered, world.bus._remembered = world.bus._remembered, {}
+    await world.let_pass(1.0)
+    world.bus.up = True
+    await world.let_pass(1.5)
+    assert world.heard() == {"L0"}
+    world.bus._remembered = remembered
+    await world.let_pass(1.5)
+    assert world.heard() == {"L0", "L1"}
 
 
 @pytest.mark.parametrize("payload", [b"", b"{}", b"\xff", b'{"on":1}', b'{"silent":"yes"}', b'{"north_m":NaN}'])

@@ -2,12 +2,15 @@
 
 import json
 import math
+from typing import get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.messages import (
+    Ailment,
+    AilmentKind,
     Bearing,
     BearingReport,
     ClockPing,
@@ -62,7 +65,22 @@ messages = st.one_of(
         heading_rad=st.none() | st.floats(-math.tau, math.tau),
     ),
     st.builds(Emission, on=st.booleans()),
-    st.builds(SensorFault, silent=st.booleans()),
+    st.builds(
+        SensorFault,
+        silent=st.booleans(),
+        muted=st.booleans(),
+        ailments=st.lists(
+            st.builds(
+                Ailment,
+                kind=st.sampled_from(get_args(AilmentKind)),
+                amount=st.floats(-1e4, 1e4),
+                of=st.none() | names,
+            ),
+            max_size=3,
+        ),
+        loss=st.floats(0.0, 1.0),
+        jitter_s=st.floats(0.0, 10.0),
+    ),
     st.builds(Progress, time_ns=times_ns, receiver=names, state=st.text(), reason=st.text()),
     st.builds(
         ControlRequest,
@@ -141,6 +159,9 @@ def test_a_whole_number_is_a_length_too():
         pytest.param(b'{"on":null}', Emission, id="null for true"),
         pytest.param(b"true", Emission, id="a bare value"),
         pytest.param(b"{}", SensorFault, id="empty object"),
+        pytest.param(b'{"silent":false,"loss":1.1}', SensorFault, id="a share of more than all"),
+        pytest.param(b'{"silent":false,"delay_s":-1}', SensorFault, id="a report before its time"),
+        pytest.param(b'{"silent":false,"ailments":[{"kind":"sensor_ill"}]}', SensorFault, id="an unknown ailment"),
         pytest.param(changed(PROGRESS, receiver=""), Progress, id="nameless receiver"),
         pytest.param(changed(PROGRESS, reason=None), Progress, id="null reason"),
         pytest.param(changed(CONTROL, verb="arm"), ControlRequest, id="unknown verb"),

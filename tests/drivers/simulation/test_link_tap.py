@@ -8,7 +8,8 @@ import socket
 from collections.abc import Iterator
 
 from drivers.simulation.impairment import UNIMPAIRED, Impairment
-from drivers.simulation.link_tap import HOST, open_tap
+from drivers.simulation.link_tap import AGAIN_S, HOST, open_tap
+from tests.fakes import ManualClock
 
 
 @contextlib.contextmanager
@@ -53,6 +54,38 @@ async def test_another_station_is_heard_by_the_vehicle_alone_cut_or_not() -> Non
             tap.speak(b"pilot")
             assert await heard(vehicle) == b"pilot"
             assert await heard(service) is None
+
+
+async def test_a_mute_vehicle_is_spoken_to_and_not_heard_until_it_is_again() -> None:
+    with opened() as service, opened() as vehicle:
+        async with open_tap(3, service.getsockname()[1]) as tap:
+            there = (HOST, tap.port)
+            vehicle.sendto(b"telemetry", there)
+            assert await heard(service) == b"telemetry"
+            tap.mute = True
+            vehicle.sendto(b"lost", there)
+            service.sendto(b"command", there)
+            assert await heard(vehicle) == b"command"
+            assert await heard(service) is None
+            tap.mute = False
+            vehicle.sendto(b"again", there)
+            assert await heard(service) == b"again"
+
+
+async def test_another_station_says_the_same_again_and_again_until_it_is_told_otherwise() -> None:
+    clock = ManualClock()
+    with opened() as service, opened() as vehicle:
+        async with open_tap(3, service.getsockname()[1], clock) as tap:
+            vehicle.sendto(b"telemetry", (HOST, tap.port))
+            assert await heard(service) == b"telemetry"
+            tap.keep_saying(b"go")
+            await clock.advance(2 * AGAIN_S)
+            assert [await heard(vehicle) for _ in range(4)] == [b"go", b"go", b"go", None]
+            tap.keep_saying(b"come")
+            await clock.advance(0.0)
+            tap.keep_saying(None)
+            await clock.advance(5 * AGAIN_S)
+            assert [await heard(vehicle) for _ in range(2)] == [b"come", None]
 
 
 async def test_a_bad_link_loses_doubles_and_delays_either_way_until_it_is_good_again() -> None:

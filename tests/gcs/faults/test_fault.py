@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from gcs.faults.fault import AMOUNTS, KINDS, Fault, draw_faults
+from gcs.faults.striking import FOR_ALL, stop_within_s
 from planner.plan import RelayPlan
 from tests.gcs.simulate.small import small
 
@@ -43,3 +44,11 @@ def test_targets_are_transmitters_of_the_route_or_its_receiver(plan: RelayPlan) 
         of_a_transmitter = fault.kind in ("transmitter_drift", "transmitter_silent", "pilot_transmitter")
         known = plan.route_of(fault.at.receiver).transmitters if of_a_transmitter else (fault.at.receiver,)
         assert fault.target in known
+
+
+def test_a_router_is_started_anew_in_some_time_and_all_must_stop_until_then(plan: RelayPlan) -> None:
+    of_its_kind = [fault for fault in drawn(plan) if fault.kind == "router_restarted"]
+    assert of_its_kind
+    assert all(fault.for_s is not None for fault in of_its_kind)
+    assert "router_restarted" in FOR_ALL
+    assert stop_within_s(of_its_kind[0], (), 0.5, done=False, cut=False, from_north=True) == pytest.approx(0.7)

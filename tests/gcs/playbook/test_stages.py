@@ -37,7 +37,10 @@ EVERY_STAGE = """\
   - emission: {on: [L0, U1]}
   - inject: {fault: link_cut, vehicle: U2, at: {receiver: U1, state: LEG_2, after_s: 1.5}, for_s: 3}
   - inject: {fault: link_faults, vehicle: U1, loss: 0.3, duplication: 0.1, reordering: 0.1, delay_s: 0.2, jitter_s: 0.1}
-  - inject: {fault: router_killed, after_s: 60}
+  - inject: {fault: router_killed, after_s: 60, for_s: 5}
+  - inject: {fault: sensor_jump, vehicle: U1, jump_deg: -90, of: L1, after_s: 5, for_s: 2}
+  - inject: {fault: transmitter_silent, vehicle: L1}
+  - inject: {fault: transmitter_drift, vehicle: L0, speed_mps: 0.5, course_deg: 270}
   - relay: {timeout_s: 300, on_failure: return, expect: {placement_error_m: "< 1", placement_error_m.U3: "< 2"}}
   - hold: {for_s: 10}
   - emission: {off: [U1]}
@@ -68,7 +71,9 @@ def test_every_stage_can_be_written_and_is_read_back_from_what_a_run_leaves(tmp_
     names = [stage.name for stage in playbook.flow]
     assert names[4] == "up"
     assert names[-1] == "wait-2"
-    assert [name for name in names if name.startswith("inject")] == ["inject", "inject-2", "inject-3"]
+    assert [name for name in names if name.startswith("inject")] == [
+        "inject", *(f"inject-{number}" for number in range(2, 7)),
+    ]  # fmt: skip
     resolved = json.loads(json.dumps(playbook.model_dump(mode="json")))
     assert Playbook.model_validate(resolved) == playbook
     CHECK.validate(resolved)
@@ -168,6 +173,35 @@ def test_each_problem_with_its_place_and_what_is_allowed(tmp_path: Path, stages:
     assert any(problem.startswith(f"{line + FIRST_LINE}:{column}: {words}") for problem in found), found
 
 
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("reboot, vehicle: U1, for_s: 3", ".for_s: reboot does not end by itself"),
+        ("clock_step, vehicle: U1, step_s: 1, for_s: 3", ".for_s: clock_step does not end by itself"),
+        ("service_killed, for_s: 3", ".for_s: service_killed does not end by itself"),
+        ("service_frozen", ".for_s: is missing: service_frozen would last for ever, and so would the run"),
+        ("disk_full, vehicle: U1", ".vehicle: disk_full strikes no vehicle"),
+        ("sensor_bias, vehicle: U1", ": nothing fails: it takes bias_deg, other than 0"),
+        ("sensor_bias, vehicle: U1, jump_deg: 3", ".jump_deg: goes with sensor_jump, not with sensor_bias"),
+        ("sensor_bias, vehicle: U1, bias_deg: 181", ".bias_deg: Input should be less than or equal to 180"),
+        ("report_faults, vehicle: U1", ": nothing fails: it takes one or more of loss, duplication, reordering"),
+        ("report_faults, vehicle: L0, loss: 0.1", ".vehicle: 'L0' is no receiver (allowed are"),
+        ("sensor_stuck, vehicle: L0", ".vehicle: 'L0' is no receiver"),
+        ("sensor_stuck", ".vehicle: is missing: whom does sensor_stuck strike?"),
+        ("sensor_stuck, vehicle: U1, of: L0", ".of: goes with sensor_bias or sensor_jump, not with sensor_stuck"),
+        ("sensor_jump, vehicle: U1, jump_deg: 9, of: L9", ".of: 'L9' is no transmitter (allowed are L0, L1"),
+        ("sensor_jump, vehicle: U1, jump_deg: 9, of: U1", ".of: U1 does not hear itself"),
+        ("transmitter_silent, vehicle: X", ".vehicle: 'X' is no transmitter (allowed are L0, L1, U1"),
+        ("transmitter_drift, vehicle: L1, speed_mps: 1", ".vehicle: 'L1' is no UAV"),
+        ("transmitter_drift, vehicle: L0", ": nothing fails: it takes speed_mps, other than 0"),
+        ("freeze, vehicle: L0, course_deg: 90", ".course_deg: goes with transmitter_drift, not with freeze"),
+    ],
+)
+def test_what_does_not_fit_a_fault_is_said_where_it_stands(tmp_path: Path, fault: str, words: str) -> None:
+    found = problems(tmp_path, HEAD + f"  - inject: {{fault: {fault}}}\n")
+    assert any(f"stages.0.inject{words}" in problem for problem in found), found
+
+
 def test_problems_of_the_stages_are_said_with_all_others(tmp_path: Path) -> None:
     text = HEAD.replace("radius_m: 60", "radius_m: -1") + "  - relay\n  - emission: {on: [X]}\nflight: {speed: 3}\n"
     assert len(problems(tmp_path, text)) == 4
@@ -193,6 +227,13 @@ def test_what_the_rest_of_a_playbook_says_of_its_stages(
     line, column = place
     line += FIRST_LINE + 0 if line > 0 else FIRST_LINE + 1
     assert any(f"{line}:{column}: {words}" in problem for problem in problems(tmp_path, HEAD + stages + more))
+
+
+@pytest.mark.parametrize("fault", ["sensor_stuck, vehicle: U1", "transmitter_silent, vehicle: L1"])
+def test_faults_are_not_injected_into_real_sensors(tmp_path: Path, fault: str) -> None:
+    stages = f"  - inject: {{fault: {fault}}}\nsensor: {{simulated: false}}\n"
+    words = f"stages.0.inject.fault: {fault.partition(',')[0]} needs simulated sensors: see sensor.simulated"
+    assert problems(tmp_path, HEAD + stages) == [f"{FIRST_LINE}:14: {words}"]
 
 
 def test_faults_are_not_injected_into_real_vehicles(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import os
@@ -69,6 +70,51 @@ def test_a_full_disk_stops_the_journal_loudly_and_nothing_else(caplog: pytest.Lo
     assert len(messages) == 1
     assert "No space left" in messages[0]
     assert "the flight goes on" in messages[0]
+
+
+async def test_the_operator_is_told_when_lines_are_lost_and_when_they_are_written_again(tmp_path: Path) -> None:
+    path, said = tmp_path / "journal.jsonl", list[str]()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    async def until_said(count: int) -> None:
+        async with asyncio.timeout(20.0):
+            while len(said) < count:  # noqa: ASYNC110 - the disk tells nobody
+                await asyncio.sleep(0.01)
+
+    with open_journal(path, said.append) as journal:
+        journal.append({"a": 1})
+        journal.append({"a": 2})
+        while path.read_bytes().count(b"\n") < 2:  # noqa: ASYNC110 - as above
+            await asyncio.sleep(0.01)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
+        try:
+            journal.append({"a": 3})
+            journal.append({"a": 4})
+            await until_said(1)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        journal.append({"a": 5})
+        await until_said(2)
+    assert "journal.jsonl: [Errno 27] File too large: recording has stopped, the flight goes on" in said[0]
+    assert "it can be written again" in said[1]
+    assert [json.loads(line)["a"] for line in path.read_text().splitlines()][:2] == [1, 2]
+    assert path.read_text().endswith('{"a": 5}\n')
+
+
+def test_a_document_that_cannot_be_written_leaves_the_one_before_whole(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    folder.write_json("plan.json", {"a": 1})
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3, before[1]))
+    try:
+        with pytest.raises(ServiceError, match=r"plan\.json cannot be written: .*File too large"):
+            folder.write_json("plan.json", {"a": 2})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert json.loads((tmp_path / "plan.json").read_text()) == {"a": 1}
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+    folder.write_json("plan.json", {"a": 3})
+    assert json.loads((tmp_path / "plan.json").read_text()) == {"a": 3}
 
 
 def test_a_journal_that_cannot_be_opened_is_said(tmp_path: Path) -> None:

@@ -13,12 +13,12 @@ from drivers.bus.messages import ControlReply, ControlRequest, decode, encode
 from drivers.clock import Clock
 from drivers.errors import VehicleError
 from drivers.mavlink.setpoints import StreamState
-from drivers.simulation.impairment import Impairment
 from drivers.tasks import open_background
 from gcs.bearings import BearingFeed
 from gcs.clock_offsets import ClockOffsets
 from gcs.fleet import Member
 from gcs.playbook.loader import load_playbook
+from gcs.playbook.stages import Inject
 from gcs.recording.run_folder import RunFolder
 from gcs.recording.score import Score
 from gcs.relay.emission import EmissionControl
@@ -27,6 +27,7 @@ from gcs.safety import PositionBoard, SitePosition
 from gcs.stages.flow import run_stages
 from gcs.stages.operator import Operator
 from gcs.stages.run import Run
+from gcs.stages.simulation import End
 from gcs.status import RunStatus
 from tests.fakes import FakeBus, ManualClock
 
@@ -200,6 +201,10 @@ class Bench:
     def said(self) -> str:
         return " ".join(text for _, text in self.run.status.messages)
 
-    def _strike(self, fault: str, vehicle: str | None, _impairment: Impairment) -> Callable[[], None]:
-        self.struck.append(f"{fault} {vehicle} at {self.clock.now_s() - 100.0:.1f}")
-        return lambda: self.struck.append(f"over at {self.clock.now_s() - 100.0:.1f}")
+    async def _strike(self, stage: Inject) -> End:
+        self.struck.append(f"{stage.fault} {stage.vehicle} at {self.clock.now_s() - 100.0:.1f}")
+
+        async def end() -> None:
+            self.struck.append(f"over at {self.clock.now_s() - 100.0:.1f}")
+
+        return end

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from drivers.bus.messages import Emission, decode
-from drivers.errors import VehicleError
+from drivers.errors import SimulationError, VehicleError
 from drivers.mavlink.setpoints import StreamState
 from gcs.control import STOPPED
-from gcs.playbook.stages import StageEntry
+from gcs.playbook.stages import Inject, StageEntry
 from gcs.stages.registry import STAGES
+from gcs.stages.simulation import End
 from tests.gcs.stages.bench import PILOTED, Bench
 
 UP = "preflight\ntakeoff\n"
@@ -343,6 +344,32 @@ async def test_a_fault_strikes_at_its_moment_and_ends(tmp_path: Path) -> None:
     bench = Bench(tmp_path, stages)
     await bench.fly()
     assert bench.struck == ["freeze L1 at 2.0", "over at 5.0"]
+    assert bench.outcomes() == {"inject": "done", "wait": "done"}
+
+
+@pytest.mark.parametrize(
+    ("fault", "over"), [("disk_full, for_s: 30", True), ("disk_full", True), ("freeze, vehicle: L1, for_s: 30", False)]
+)
+async def test_what_befalls_the_service_itself_ends_with_the_stages_and_nothing_else_does(
+    tmp_path: Path, fault: str, over: bool
+) -> None:
+    bench = Bench(tmp_path, f"inject: {{fault: {fault}}}\nwait: {{for_s: 9}}")
+    await bench.fly()
+    assert ("over at 9.0" in bench.struck) is over
+
+
+async def test_a_fault_that_cannot_be_ended_is_said_and_ends_nothing(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, "inject: {fault: router_killed, for_s: 2}\nwait: {for_s: 9}")
+
+    async def end() -> None:
+        raise SimulationError("no port is free")
+
+    async def strike(_stage: Inject) -> End:
+        return end
+
+    bench.run.simulation.strike = strike
+    await bench.fly()
+    assert "not over: router_killed: no port is free" in bench.said()
     assert bench.outcomes() == {"inject": "done", "wait": "done"}
 
 

@@ -17,7 +17,7 @@ name: staged
 formation: {kind: custom, slots: {O1: [70, 60]}}
 transmitters: {L0: {at: [0, 0]}, L1: {at: [100, 0], beacon: true}}
 receivers: {U1: {start: [20, 30]}}
-flight: {altitude_m: 4, speed_mps: 4}
+flight: {altitude_m: 4, speed_mps: 4, give_up_s: 60}
 """
 PILOT = """\
 stages:
@@ -38,6 +38,7 @@ stages:
   - takeoff
   - emission: {on: [L0]}
   - inject: {fault: link_cut, vehicle: U1, at: {receiver: U1, state: LEG_1, after_s: 1}, for_s: 1.5}
+  - inject: {fault: router_killed, at: {receiver: U1, state: LEG_1, after_s: 4}, for_s: 2}
   - inject: {fault: sensor_silent, vehicle: U1, at: {receiver: U1, state: LEG_2, after_s: 1}, for_s: 1.5}
   - inject: {fault: freeze, vehicle: U1, at: {receiver: U1, state: LEG_2, after_s: 8}, for_s: 1.5}
   - relay: {timeout_s: 200}
@@ -87,9 +88,10 @@ def test_what_falls_silent_for_a_moment_is_stopped_and_flown_on_and_all_return(t
     assert report["outcome"] == "formed"
     assert {stage["outcome"] for stage in report["stages"]} == {"done"}
     assert report["receivers"][0]["placement_error_m"] < 1.0  # as it stood, and not at home again
-    for fault in ("link_cut", "sensor_silent", "freeze"):
-        assert f"injected: {fault} U1" in said
-        assert f"over: {fault} U1" in said
+    for fault in ("link_cut U1", "router_killed", "sensor_silent U1", "freeze U1"):
+        assert f"injected: {fault}" in said
+        assert f"over: {fault}" in said
+    assert "the bus router cannot be reached" in said
     assert "no telemetry for" in said
     assert "no bearing report from its sensor" in said
     assert [line.split()[-2] for line in said.splitlines() if line.endswith(" returns")][-1] == "U1"
