@@ -36,6 +36,8 @@ class Observation:
     reference: Reference = "true_north"
     captured_uncertainty_s: float = 0.0
     """What is known of the sensor's clock and of the capture; 0 where the sensor says neither."""
+    resolution_rad: float = 0.0
+    """The step that directions were rounded to, which is beside `sigma_rad`; 0: to none."""
 
 
 class Observations:
@@ -176,6 +178,7 @@ class BearingFeed:
             sigma_rad={b.transmitter: b.sigma_rad for b in report.bearings},
             reference=report.reference,
             captured_uncertainty_s=(captured.clock_uncertainty_s or 0.0) + report.captured_uncertainty_ns * 1e-9,
+            resolution_rad=report.resolution_rad,
         )
         self.latest[receiver] = observation
         for reader in self._readers[receiver]:

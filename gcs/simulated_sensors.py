@@ -34,5 +34,6 @@ async def start_sensors(
         faults={name: sensor.faults.of(name) for name in playbook.receivers},
         keys=playbook.bus.keys,
         insecure=playbook.bus.insecure,
+        resolution_rad=math.radians(sensor.resolution_deg),
     )
     await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=msgspec.json.encode(settings))

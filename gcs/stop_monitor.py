@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gcs.relay.following import Following
 from gcs.relay.leg_filter import LegFilter, Whereabouts
+from gcs.relay.repetition import Repetition
 from gcs.relay.response import Agility
 from gcs.relay.unrest import Nose, Unrest
 from gcs.relay.wary_filter import WaryFilter
@@ -83,9 +84,6 @@ class StopMonitor:
     unrest: Unrest = field(default_factory=Unrest)
     outliers: int = 0
     """Directions that did not agree with the others and with the motion."""
-    stuck: bool = False
-    """Whether the last report was the one before once more, from a receiver under way."""
-    _last: dict[str, float] = field(default_factory=dict, init=False)
     _told_mps: float = field(default=0.0, init=False)
     _within_since_s: float | None = field(default=None, init=False)
     _following: Following = field(default_factory=Following, init=False)
@@ -94,6 +92,7 @@ class StopMonitor:
         towards_guide = self.transmitters[self.leg.guide] - self.leg.end
         self.course = towards_guide / abs(towards_guide) * (1.0 if self.leg.direction == "towards" else -1.0)
         self._near_since_s = self.time_s
+        self._repetition = Repetition(self.transmitters)
         self._filter = WaryFilter(
             LegFilter(
                 self.leg.end,
@@ -116,6 +115,7 @@ class StopMonitor:
         """
         self._within_since_s, self._near_since_s = None, now_s
         self._following.begin()
+        self._repetition.begin()
         self._filter.begin(now_s)
 
     def commanded(self, time_s: float, velocity: complex) -> None:
@@ -124,26 +124,35 @@ class StopMonitor:
         self._filter.commanded(time_s, velocity)
 
     def observe(
-        self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]
+        self,
+        captured_s: float,
+        directions_rad: Mapping[str, float],
+        sigma_rad: Mapping[str, float],
+        resolution_rad: float = 0.0,
     ) -> frozenset[str]:
         """Take in the directions of one report, polar, formation frame; return whose directions agree.
 
-        They agree with each other and with the motion. From a receiver under way, a report whose directions are those
-        of the one before is no news, whatever its time says: the sensor is stuck.
+        They agree with each other and with the motion. They are rounded to the nearest `resolution_rad` of what the
+        sensor measured, which `sigma_rad` is of; 0: not rounded. The report of a stuck sensor is no news, whatever its
+        time says.
         """
         known = {name: direction for name, direction in directions_rad.items() if name in self.transmitters}
         under_way = max(self._told_mps, self._filter.speed_mps) > _UNDER_WAY_MPS
-        self.stuck = len(known) > 1 and known == self._last and under_way
-        self._last = known
+        self._repetition.note(known, resolution_rad, self._filter.commanded_place(), under_way=under_way)
         if self.stuck:
             return frozenset()
-        agreeing = self._filter.observe(captured_s, known, sigma_rad)
+        agreeing = self._filter.observe(captured_s, known, sigma_rad, resolution_rad)
         self.outliers += len(known) - len(agreeing)
         if len(agreeing) > 1:
             place, covariance = self._filter.place()
             sigma_m = math.sqrt(float(np.trace(covariance)))
             self._following.note(captured_s, self._filter.commanded_place(), place, sigma_m)
         return agreeing
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the sensor showed in the last report what it had shown before, and could not any more."""
+        return self._repetition.stuck
 
     @property
     def disbelieved(self) -> bool:

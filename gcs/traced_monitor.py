@@ -81,19 +81,24 @@ class SetUp(msgspec.Struct, frozen=True):
         )
 
 
-class Observed(msgspec.Struct, frozen=True):
+class Observed(msgspec.Struct, frozen=True, omit_defaults=True):
     """The directions of one report as they were taken in, and of whom they agreed."""
 
     directions_rad: dict[str, float]
     sigma_rad: dict[str, float]
     agreeing: list[str]
+    resolution_rad: float = 0.0
 
     @classmethod
     def of(
-        cls, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float], agreeing: frozenset[str]
+        cls,
+        directions_rad: Mapping[str, float],
+        sigma_rad: Mapping[str, float],
+        agreeing: frozenset[str],
+        resolution_rad: float = 0.0,
     ) -> Observed:
         """Return a report and what became of it, the directions in their order."""
-        return cls(_floats(directions_rad), _floats(sigma_rad), sorted(agreeing))
+        return cls(_floats(directions_rad), _floats(sigma_rad), sorted(agreeing), float(resolution_rad))
 
 
 class Asked(msgspec.Struct, frozen=True):
@@ -158,13 +163,19 @@ class TracedMonitor(StopMonitor):
         self._tell(lambda number: MonitorNote(number, float(time_s), commanded_mps=pair(velocity)))
 
     def observe(
-        self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]
+        self,
+        captured_s: float,
+        directions_rad: Mapping[str, float],
+        sigma_rad: Mapping[str, float],
+        resolution_rad: float = 0.0,
     ) -> frozenset[str]:
         """Take in a report."""
-        agreeing = super().observe(captured_s, directions_rad, sigma_rad)
+        agreeing = super().observe(captured_s, directions_rad, sigma_rad, resolution_rad)
         self._tell(
             lambda number: MonitorNote(
-                number, float(captured_s), observed=Observed.of(directions_rad, sigma_rad, agreeing)
+                number,
+                float(captured_s),
+                observed=Observed.of(directions_rad, sigma_rad, agreeing, resolution_rad),
             )
         )
         return agreeing

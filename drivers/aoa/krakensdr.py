@@ -70,7 +70,8 @@ class KrakenSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     )
     """The last row that the confidence reaches says how good a bearing is; below the first it is dropped.
 
-    The default is cautious: measure your own array against a transmitter at a known place.
+    The default is cautious: measure your own array against a transmitter at a known place. That bearings are rounded
+    to whole degrees is no part of it: reports say so.
     """
     tolerance_khz: Positive = 12.5
     url: str = "http://127.0.0.1:8081/DOA_value.html"

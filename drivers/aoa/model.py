@@ -82,6 +82,8 @@ class SensorModel:
     drop_out: float = 0.0
     reference: Literal["true_north", "body"] = "true_north"
     faults: SensorFaults = field(default_factory=SensorFaults)
+    resolution_rad: float = 0.0
+    """The step that bearings are rounded to, noise and all; 0: to none."""
 
 
 @dataclass
@@ -123,7 +125,13 @@ class SimulatedSensor:
         self._last = bearings
         if not bearings:
             return None
-        return BearingReport(self.clock_ns(captured_ns), self._sequence, self.model.reference, bearings)
+        return BearingReport(
+            self.clock_ns(captured_ns),
+            self._sequence,
+            self.model.reference,
+            bearings,
+            resolution_rad=self.model.resolution_rad,
+        )
 
     def clock_ns(self, true_ns: int) -> int:
         """Return what this UAV's clock shows at a true time; it runs from the first time that is asked for."""
@@ -150,7 +158,10 @@ class SimulatedSensor:
         lost = self._losses.random() < faults.bearing_drop_out
         if lost or not self._in_sight(sight, heading_rad):
             return None
-        return Bearing(name, (azimuth_rad + error_rad) % math.tau, max(sigma_rad, LEAST_SIGMA_RAD))
+        shown_rad = azimuth_rad + error_rad
+        if self.model.resolution_rad:
+            shown_rad = round(shown_rad / self.model.resolution_rad) * self.model.resolution_rad
+        return Bearing(name, shown_rad % math.tau, max(sigma_rad, LEAST_SIGMA_RAD))
 
     def _in_sight(self, sight: complex, heading_rad: float) -> bool:
         faults = self.model.faults

@@ -56,11 +56,15 @@ class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The service's file of keys, where the bus is closed to strangers."""
     insecure: bool = False
     """Whether it is meant that strangers can join the bus."""
+    resolution_rad: float = 0.0
+    """What bearings are rounded to; 0: they are not."""
 
     def sensor(self, receiver: str) -> ReportingSensor:
         """Return the sensor of one receiver."""
         faults = self.faults.get(receiver, SensorFaults())
-        model = SensorModel(self.sigma_rad, self.rate_hz, self.latency_s, self.drop_out, self.reference, faults)
+        model = SensorModel(
+            self.sigma_rad, self.rate_hz, self.latency_s, self.drop_out, self.reference, faults, self.resolution_rad
+        )
         return ReportingSensor(model, f"{self.seed}/{receiver}")
 
 

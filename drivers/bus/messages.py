@@ -22,6 +22,8 @@ Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 DurationNs = Annotated[int, msgspec.Meta(ge=0, le=LARGEST, description="ns")]
 ClockName = Annotated[str, msgspec.Meta(max_length=64, description="which clock it is; empty: the UAV's only one")]
 
+COARSEST_RAD: Final = math.radians(10.0)
+"""Nobody is guided by bearings in steps larger than this: between two of them only commands would say where it is."""
 LEAST_SIGMA_RAD: Final = math.radians(0.01)
 """No bearing claims to be better than this; one that claims it says that it is free of noise."""
 
@@ -43,7 +45,7 @@ class BearingReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     bearings: Annotated[list[Bearing], msgspec.Meta(max_length=256)]
     captured_uncertainty_ns: DurationNs = 0
     clock: ClockName = ""
-    resolution_rad: Annotated[float, msgspec.Meta(ge=0.0, le=3.1416)] = 0.0
+    resolution_rad: Annotated[float, msgspec.Meta(ge=0.0, le=COARSEST_RAD)] = 0.0
     """The step in which azimuths come, 0 when they come in none: a sensor with a step may repeat itself."""
 
 

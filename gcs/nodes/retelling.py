@@ -15,7 +15,8 @@ def retell(monitor: StopMonitor, note: MonitorNote) -> tuple[Whereabouts, bool] 
     if note.begun:
         monitor.begin(note.time_s)
     elif note.observed is not None:
-        monitor.observe(note.time_s, note.observed.directions_rad, note.observed.sigma_rad)
+        told = note.observed
+        monitor.observe(note.time_s, told.directions_rad, told.sigma_rad, told.resolution_rad)
     elif note.commanded_mps is not None:
         monitor.commanded(note.time_s, complex(*note.commanded_mps))
     elif note.asked is not None:

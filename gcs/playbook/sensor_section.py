@@ -122,6 +122,8 @@ class SensorSection(Section):
     rate_hz: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
     latency_s: Annotated[float, Field(ge=0.0, le=0.4)] = 0.1
     drop_out: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    resolution_deg: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """The step that bearings are rounded to, as a KrakenSDR's are to 1; 0: to none."""
     simulated: bool | None = None
     faults: FaultsSection = FaultsSection()
 
@@ -138,6 +140,7 @@ class SensorSection(Section):
             drop_out=self.drop_out,
             reference=self.reference,
             faults=self.faults.of(receiver),
+            resolution_rad=math.radians(self.resolution_deg),
         )
 
     def strangers(self, receivers: Collection[str], transmitters: Collection[str]) -> list[str]:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.relay.response import Agility, Response
+from gcs.relay.rounding import Unrounded, unrounded
 from gcs.relay.unrest import Nose, Unrest
 from planner.angles import wrap
 
@@ -65,16 +66,26 @@ class Whereabouts:
 
 @dataclass(frozen=True)
 class _Sight:
-    """One measured direction against the expected one: the surplus, rad, its gradient by the state, its variance."""
+    """One measured direction against the expected one: the surplus, rad, its gradient by the state, its variance.
+
+    The variance is before the direction was rounded to the sensor's step, 0: to none.
+    """
 
     surplus_rad: float
     gradient: Reals
     crossed: Reals
     variance: float
+    step_rad: float
 
     @property
     def sigmas(self) -> float:
-        return abs(self.surplus_rad) / math.sqrt(self.variance)
+        return max(abs(self.surplus_rad) - self.step_rad / 2.0, 0.0) / math.sqrt(self.variance)
+
+    @property
+    def news(self) -> Unrounded | None:
+        if not self.step_rad:
+            return Unrounded(self.surplus_rad, 0.0, self.sigmas**2)
+        return unrounded(self.surplus_rad, self.variance, self.step_rad)
 
 
 class LegFilter:
@@ -106,7 +117,7 @@ class LegFilter:
         self._time_s = time_s
         self._roughness = 1.0
         """By how much the variance of every sway exceeds that of calm air."""
-        self._within_sigmas = OUTLIER_SIGMAS
+        self._within_sigmas, self._step_rad = OUTLIER_SIGMAS, 0.0
         self.disagreed = 0
         """In how many reports in a row fewer than two directions have agreed."""
         self.searched = False
@@ -128,12 +139,14 @@ class LegFilter:
         directions_rad: Mapping[str, float],
         sigma_rad: Mapping[str, float],
         within_sigmas: float = OUTLIER_SIGMAS,
+        resolution_rad: float = 0.0,
     ) -> frozenset[str]:
         """Take in the directions of one instant, polar, and return the transmitters whose directions agree.
 
-        All of them must be known. Those agree that are `within_sigmas` standard deviations of what is expected.
+        All of them must be known. Those agree that are `within_sigmas` standard deviations of what is expected, beside
+        what rounding to the `resolution_rad` does to them.
         """
-        self._within_sigmas = within_sigmas
+        self._within_sigmas, self._step_rad = within_sigmas, resolution_rad
         if captured_s > self._time_s:
             self._carry_on(captured_s)
         for name in directions_rad:
@@ -213,7 +226,8 @@ class LegFilter:
         def apart(one: str, other: str) -> float:
             """Return by how much two directions contradict each other, in standard deviations."""
             off_rad = wrap(sights[one].surplus_rad - sights[other].surplus_rad)
-            return min(abs(off_rad) / math.sqrt(sights[one].variance + sights[other].variance), OUTLIER_SIGMAS)
+            variance = sights[one].variance + sights[other].variance + self._step_rad**2 / 6.0
+            return min(abs(off_rad) / math.sqrt(variance), OUTLIER_SIGMAS)
 
         middle = min(sights, key=lambda name: sum(apart(name, other) for other in sights))
         self._state[_NORTH] = sights[middle].surplus_rad
@@ -233,11 +247,15 @@ class LegFilter:
         sight = self._sight(name, directions_rad[name], sigma_rad[name])
         if sight.sigmas > self._within_sigmas:
             return False
+        news = sight.news
+        if news is None:
+            return True
         gain = sight.crossed / sight.variance
-        self._state = self._state + gain * sight.surplus_rad
+        self._state = self._state + gain * news.mean
         kept = np.eye(self._state.size) - np.outer(gain, sight.gradient)
-        self._covariance = kept @ self._covariance @ kept.T + np.outer(gain, gain) * sigma_rad[name] ** 2
-        adapted = self._roughness * (1.0 + _ADAPTED_PER_BEARING * (sight.sigmas**2 - 1.0))
+        noise = sigma_rad[name] ** 2 + news.variance
+        self._covariance = kept @ self._covariance @ kept.T + np.outer(gain, gain) * noise
+        adapted = self._roughness * (1.0 + _ADAPTED_PER_BEARING * (news.surprise - 1.0))
         self._roughness = max(1.0, min(adapted, _ROUGHEST))
         return True
 
@@ -254,7 +272,8 @@ class LegFilter:
         gradient[placed] = gradient[swayed] = by_its.imag, by_its.real
         surplus_rad = wrap(direction_rad - cmath.phase(towards) - float(self._state[_NORTH] + self._state[_YAW]))
         crossed = self._covariance @ gradient
-        return _Sight(surplus_rad, gradient, crossed, float(gradient @ crossed) + sigma_rad**2)
+        variance = float(gradient @ crossed) + sigma_rad**2
+        return _Sight(surplus_rad, gradient, crossed, variance, self._step_rad)
 
     def _carry_on(self, to_s: float) -> None:
         unrest, step_s, before = self._unrest, to_s - self._time_s, self._response.velocity

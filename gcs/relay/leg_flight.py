@@ -107,7 +107,9 @@ class LegFlight:
 
     def _usable(self, observation: Observation, now_s: float) -> bool:
         """Return whether an observation is something to steer by: two directions or more agree, and none is missed."""
-        agreeing = self.monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
+        agreeing = self.monitor.observe(
+            observation.captured_s, observation.directions_rad, observation.sigma_rad, observation.resolution_rad
+        )
         self.record.legs[-1].outliers = self.monitor.outliers
         for name in agreeing & self._agreed_s.keys():
             self._agreed_s[name] = now_s

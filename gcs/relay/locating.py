@@ -26,6 +26,8 @@ _SWAYS_M: Final = (0.1, 0.3, 1.0)
 _MOST_REPORTS: Final = 4
 """So many reports are waited for, for each sample."""
 _LEAST_SPREAD_RAD: Final = math.radians(0.01)
+_OF_A_STEP: Final = 1.0 / math.sqrt(12.0)
+"""The standard deviation of what is rounded to steps of 1: while a receiver hovers it may be one error all the time."""
 
 
 def transmitters_to_hear(
@@ -94,8 +96,14 @@ def locate(
     if not heading_referenced:
         observations = _turned_alike(observations)
     heard = {name: [o for o in observations if name in o.directions_rad] for name in transmitters}
-    directions = {name: typical_direction([o.directions_rad[name] for o in of_one]) for name, of_one in heard.items()}
-    noise = {name: of_one[-1].sigma_rad[name] / math.sqrt(len(of_one)) for name, of_one in heard.items()}
+    rounded_rad = _OF_A_STEP * max(o.resolution_rad for o in observations)
+    directions = {
+        name: typical_direction([o.directions_rad[name] for o in of_one], rounded_rad) for name, of_one in heard.items()
+    }
+    noise = {
+        name: math.hypot(of_one[-1].sigma_rad[name] / math.sqrt(len(of_one)), rounded_rad)
+        for name, of_one in heard.items()
+    }
 
     def located(sway_m: float) -> Fix:
         sigma = {
@@ -126,13 +134,16 @@ def _turned_alike(observations: Sequence[Observation]) -> list[Observation]:
     ]
 
 
-def typical_direction(directions_rad: Sequence[float]) -> float:
-    """Return the mean of directions, rad, without those far from their median: a multipath jump must not count."""
+def typical_direction(directions_rad: Sequence[float], rounded_rad: float = 0.0) -> float:
+    """Return the mean of directions, rad, without those far from their median: a multipath jump must not count.
+
+    `rounded_rad` is the standard deviation of what rounding has done to them.
+    """
     about = np.asarray(directions_rad)
     apart = wrap_all(about[:, None] - about)
     middle = about[int(np.argmin(np.median(np.abs(apart), axis=0)))]
     offsets = wrap_all(about - middle)
     offsets = wrap_all(offsets - np.median(offsets))
-    spread = max(_MAD_TO_SIGMA * float(np.median(np.abs(offsets))), _LEAST_SPREAD_RAD)
+    spread = max(_MAD_TO_SIGMA * float(np.median(np.abs(offsets))), _LEAST_SPREAD_RAD, rounded_rad)
     kept = about[np.abs(offsets) <= _OUTLIER_SIGMAS * spread]
     return wrap(float(kept[0] + np.mean(wrap_all(kept - kept[0]))))

@@ -56,18 +56,22 @@ class WaryFilter:
             self._doubting.commanded(time_s, velocity)
 
     def observe(
-        self, captured_s: float, directions_rad: Mapping[str, float], sigma_rad: Mapping[str, float]
+        self,
+        captured_s: float,
+        directions_rad: Mapping[str, float],
+        sigma_rad: Mapping[str, float],
+        resolution_rad: float = 0.0,
     ) -> frozenset[str]:
         """Take in the directions of one instant, polar, and return the transmitters whose directions agree.
 
         All of them must be known. Directions that are disbelieved do not agree.
         """
         within_sigmas = OUTLIER_SIGMAS if self._doubting is None else _POSSIBLE_SIGMAS
-        agreeing = self._trusted.observe(captured_s, directions_rad, sigma_rad, within_sigmas)
+        agreeing = self._trusted.observe(captured_s, directions_rad, sigma_rad, within_sigmas, resolution_rad)
         if not self._trusted.disagreed:
             self._doubting, self.disbelieved = None, False
         elif self._doubting is not None:
-            agreeing = self._doubt(self._doubting, captured_s, directions_rad, sigma_rad)
+            agreeing = self._doubt(self._doubting, captured_s, directions_rad, sigma_rad, resolution_rad)
         elif self._trusted.disagreed > _BY_CHANCE:
             self._doubting, self._may_be_astray = copy.deepcopy(self._trusted), captured_s <= self._astray_until_s
             self._doubting.widen()
@@ -100,9 +104,10 @@ class WaryFilter:
         captured_s: float,
         directions_rad: Mapping[str, float],
         sigma_rad: Mapping[str, float],
+        resolution_rad: float,
     ) -> frozenset[str]:
         """Tell the doubting filter, and trust it from now on when what it has found can be believed."""
-        agreeing = doubting.observe(captured_s, directions_rad, sigma_rad)
+        agreeing = doubting.observe(captured_s, directions_rad, sigma_rad, resolution_rad=resolution_rad)
         if doubting.disagreed:
             doubting.widen()
             return agreeing

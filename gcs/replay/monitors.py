@@ -116,9 +116,10 @@ class MonitorReplay:
     def _observe(self, captured_s: float, told: Observed, time_ns: int) -> None:
         flight = self._flight(time_ns)
         flight.samples += 1
-        agreeing = sorted(self.monitor.observe(captured_s, told.directions_rad, told.sigma_rad))
+        report = (captured_s, told.directions_rad, told.sigma_rad, told.resolution_rad)
+        agreeing = sorted(self.monitor.observe(*report))
         if self._changed is not None:
-            self._changed.observe(captured_s, told.directions_rad, told.sigma_rad)
+            self._changed.observe(*report)
         if agreeing != told.agreeing:
             flight.differs(f"sample {flight.samples}: {_names(agreeing)} agree, recorded {_names(told.agreeing)}")
         if flight.recorded is not None and self._changed is not None and len(agreeing) > 1:

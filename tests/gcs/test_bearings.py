@@ -161,6 +161,12 @@ def test_body_referenced_bearings_are_marked_and_keep_their_subtended_angles(
     assert wrap(body.directions_rad["L0"] + first_rad - heading_rad) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("step_rad", [0.0, 0.0175])
+def test_what_the_sensor_rounds_to_is_handed_on(clock: ManualClock, feed: BearingFeed, step_rad: float) -> None:
+    feed.take(KEYS.bearings("U1"), a_report(clock, resolution_rad=step_rad))
+    assert feed.latest["U1"].resolution_rad == step_rad
+
+
 @pytest.mark.parametrize(
     ("changes", "stuck"),
     [

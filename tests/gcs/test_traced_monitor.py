@@ -123,3 +123,15 @@ def test_a_number_that_json_does_not_have_is_no_note() -> None:
     payload = encode(MonitorNote(1, 0.0, asked=Asked.of(lost, arrived=False)))
     with pytest.raises(msgspec.ValidationError):
         decoded(payload, monitor_topic("U1"))
+
+
+def test_what_directions_were_rounded_to_is_told_of_those_that_were() -> None:
+    notes: list[MonitorNote] = []
+    monitor = TracedMonitor(LEGS[0], PLACES, LEGS[0].start, np.eye(2), 7.0, SLOT, tell=notes.append)
+    directions = {name: cmath.phase(at - LEGS[0].start) for name, at in PLACES.items()}
+    monitor.observe(7.1, directions, dict.fromkeys(PLACES, 0.001))
+    monitor.observe(7.2, directions, dict.fromkeys(PLACES, 0.001), 0.0175)
+    plain, rounded = (json.loads(encode(note))["observed"] for note in notes[1:])
+    assert "resolution_rad" not in plain
+    assert rounded["resolution_rad"] == 0.0175
+    assert decoded(encode(notes[2]), monitor_topic("U1")).observed == notes[2].observed

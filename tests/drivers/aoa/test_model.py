@@ -124,6 +124,18 @@ def test_noise_is_drawn_as_it_always_was():
             assert bearing.azimuth_rad == (true_rad + draws.gauss(0.0, SIGMA_RAD)) % math.tau
 
 
+@pytest.mark.parametrize("reference", ["true_north", "body"])
+def test_bearings_are_rounded_noise_and_all_and_that_is_admitted(reference):
+    step_rad = math.radians(1.0)
+    whole = SimulatedSensor(SensorModel(SIGMA_RAD, reference=reference, resolution_rad=step_rad), random.Random("1/U1"))
+    for fine, coarse in zip(measured(sensor(reference=reference), 50), measured(whole, 50), strict=True):
+        assert (fine.resolution_rad, coarse.resolution_rad) == (0.0, step_rad)
+        for name, azimuth_rad in azimuths(coarse).items():
+            steps = azimuth_rad / step_rad
+            assert steps == pytest.approx(round(steps), abs=1e-9)
+            assert abs(azimuth_error_rad(azimuth_rad, azimuths(fine)[name])) <= step_rad / 2.0 + 1e-9
+
+
 @pytest.mark.parametrize(
     "fault",
     [

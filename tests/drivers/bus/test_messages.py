@@ -52,7 +52,7 @@ messages = st.one_of(
         bearings=st.lists(bearings, max_size=8),
         captured_uncertainty_ns=st.integers(0, 2**53),
         clock=st.just("") | names,
-        resolution_rad=st.floats(0.0, 3.14),
+        resolution_rad=st.floats(0.0, 0.17),
     ),
     st.builds(
         PositionReport,

@@ -30,6 +30,7 @@ def test_everything_reaches_the_model() -> None:
         rate_hz=20,
         latency_s=0.2,
         drop_out=0.1,
+        resolution_deg=1,
         faults={
             "transmitter_bias_deg": {"L0": 1},
             "transmitter_sigma_deg": {"L1": 2.5},
@@ -68,6 +69,7 @@ def test_everything_reaches_the_model() -> None:
             field_of_view_rad=math.radians(120),
             range_m=500.0,
         ),
+        math.radians(1),
     )
 
 

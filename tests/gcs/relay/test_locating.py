@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import cmath
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,6 +64,30 @@ async def test_hearing_ends_with_enough_of_each_or_when_most_reports_lack_one_or
 def test_reports_together_give_the_place() -> None:
     fix = locate(seen_from(30 + 40j), STANDING, EXACT, 35 + 35j)
     assert fix.position == pytest.approx(30 + 40j, abs=1e-6)
+
+
+def test_what_is_rounded_is_known_no_better_however_often_it_is_heard() -> None:
+    place, step_rad = 30 + 40j, math.radians(1.0)
+    for count in (10, 1000):
+        fine = seen_from(place, count)
+        rounded = [
+            replace(
+                one,
+                directions_rad={name: round(at / step_rad) * step_rad for name, at in one.directions_rad.items()},
+                resolution_rad=step_rad,
+            )
+            for one in fine
+        ]
+        fix = locate(rounded, STANDING, EXACT, place)
+        assert 0.2 < math.sqrt(float(np.trace(fix.covariance))) < 0.6
+        assert abs(fix.position - place) < 2.0 * math.sqrt(float(np.trace(fix.covariance)))
+        assert np.trace(locate(fine, STANDING, EXACT, place).covariance) < 0.3 * np.trace(fix.covariance)
+
+
+def test_rounded_directions_that_noise_spreads_all_count() -> None:
+    step_rad = math.radians(1.0)
+    directions = [0.0] * 6 + [step_rad] * 4
+    assert typical_direction(directions, step_rad / math.sqrt(12.0)) == pytest.approx(0.4 * step_rad)
 
 
 def test_wild_reports_do_not_count() -> None:
