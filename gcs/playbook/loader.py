@@ -141,7 +141,7 @@ def _plain_document(path: Path, document: CommentedMap) -> dict[str, Any]:
 def _plain(node: Any, left: Iterator[int]) -> Any:
     """Return the node as plain dicts, lists and scalars (ruamel's own scalar classes would fail strict checks).
 
-    ValueError when there are more of them than are `left`, TypeError when something cannot be a key.
+    ValueError when there are more of them than are `left`, or one is no text; TypeError when something cannot be a key.
     """
     if next(left, None) is None:
         raise ValueError(f"it says more than {_MOST_VALUES} values, with those that its aliases repeat")
@@ -149,10 +149,20 @@ def _plain(node: Any, left: Iterator[int]) -> Any:
         return {_plain(key, left): _plain(value, left) for key, value in node.items()}
     if isinstance(node, list):
         return [_plain(value, left) for value in node]
+    if isinstance(node, str) and not _is_text(node):
+        raise ValueError(f"{node[:40]!a} is not text: half a character, as \\ud800 is, cannot be written")
     for kind in (bool, int, float, str):
         if isinstance(node, kind):
             return kind(node)
     return node
+
+
+def _is_text(found: str) -> bool:
+    try:
+        found.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _problems(path: Path, document: CommentedMap, details: ErrorDetails) -> list[PlaybookProblem]:

@@ -154,3 +154,14 @@ def test_each_says_what_is_wrong_where_it_is_wrong(tmp_path: Path, part: int) ->
         found = [problem.line for problem in caught.value.problems]
         assert line in found, (text.splitlines()[line - 1], list(map(str, caught.value.problems)))
         assert all(problem.message for problem in caught.value.problems)
+
+
+def test_half_a_character_and_a_number_beyond_all_bounds_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "malformed.yaml"
+    path.write_text(GOOD.replace("name: whole", 'name: "\\ud800"'))
+    with pytest.raises(PlaybookError, match=r"'\\ud800' is not text"):
+        load_playbook(path)
+    path.write_text(GOOD.replace("at: [60, 0]", f"at: [{10**400}, 0]"))
+    with pytest.raises(PlaybookError, match=r"L1\.at: a point is \[x, y\] in metres") as caught:
+        load_playbook(path)
+    assert [problem.line for problem in caught.value.problems] == [GOOD.splitlines().index("    at: [60, 0]") + 1]
