@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import math
-import sys
 from typing import Annotated, Any
 
 from pydantic import (
@@ -19,6 +18,8 @@ from pydantic import (
 
 from drivers.bus.keys import NAME_PATTERN
 
+_FARTHEST_M = 100_000.0
+
 
 class Section(BaseModel):
     """A part of a playbook: nothing is guessed, nothing unknown is let through, nothing changes afterwards."""
@@ -31,7 +32,7 @@ def _read_point(value: Any) -> complex:
         return complex(*value)
     if isinstance(value, dict) and value.keys() == {"radius_m", "angle_deg"} and all(map(_is_number, value.values())):
         return cmath.rect(value["radius_m"], math.radians(value["angle_deg"]))
-    raise ValueError("a point is [x, y] in metres, or {radius_m: ..., angle_deg: ...}")
+    raise ValueError("a point is [x, y] in metres, or {radius_m: ..., angle_deg: ...}, within 100 km")
 
 
 def _write_point(point: complex) -> list[float]:
@@ -39,7 +40,7 @@ def _write_point(point: complex) -> list[float]:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _FARTHEST_M
 
 
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$", max_length=64)]
@@ -62,5 +63,5 @@ Point = Annotated[
         }
     ),
 ]
-Metres = Annotated[float, Field(gt=0.0, le=100_000.0)]
+Metres = Annotated[float, Field(gt=0.0, le=_FARTHEST_M)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]

@@ -161,7 +161,8 @@ def test_half_a_character_and_a_number_beyond_all_bounds_are_said(tmp_path: Path
     path.write_text(GOOD.replace("name: whole", 'name: "\\ud800"'))
     with pytest.raises(PlaybookError, match=r"'\\ud800' is not text"):
         load_playbook(path)
-    path.write_text(GOOD.replace("at: [60, 0]", f"at: [{10**400}, 0]"))
-    with pytest.raises(PlaybookError, match=r"L1\.at: a point is \[x, y\] in metres") as caught:
-        load_playbook(path)
-    assert [problem.line for problem in caught.value.problems] == [GOOD.splitlines().index("    at: [60, 0]") + 1]
+    for far in ("1.0e+154", 10**400, ".nan", 100_001):
+        path.write_text(GOOD.replace("at: [60, 0]", f"at: [{far}, 0]"))
+        with pytest.raises(PlaybookError, match=r"L1\.at: a point is \[x, y\] .* within 100 km") as caught:
+            load_playbook(path)
+        assert [problem.line for problem in caught.value.problems] == [GOOD.splitlines().index("    at: [60, 0]") + 1]
