@@ -22,8 +22,8 @@ Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 DurationNs = Annotated[int, msgspec.Meta(ge=0, le=LARGEST, description="ns")]
 ClockName = Annotated[str, msgspec.Meta(max_length=64, description="which clock it is; empty: the UAV's only one")]
 
-COARSEST_RAD: Final = math.radians(10.0)
-"""Nobody is guided by bearings in steps larger than this: between two of them only commands would say where it is."""
+COARSEST_RAD: Final = 0.175
+"""10 degrees. Nobody is guided by bearings in larger steps: between two of them only commands would say where it is."""
 LEAST_SIGMA_RAD: Final = math.radians(0.01)
 """No bearing claims to be better than this; one that claims it says that it is free of noise."""
 

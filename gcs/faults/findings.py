@@ -17,6 +17,7 @@ Invariant = Literal[
     "followed",
     "placement",
     "ended",
+    "recorded",
     "exception",
 ]
 INVARIANTS: Final[tuple[Invariant, ...]] = get_args(Invariant)

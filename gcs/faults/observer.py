@@ -50,6 +50,7 @@ class Rules:
     standing_mps: float = 0.5
     """Slower is at rest."""
 
+
 @dataclass(frozen=True)
 class Sight:
     """What is seen of one vehicle. Site frame, north + i east."""

@@ -76,7 +76,7 @@ async def watch(
         seed=seed,
         attended=attended,
         faults=list(faults),
-        struck_s=[world.struck.get(number) for number in range(len(faults))],
+        struck_s=[world.moments.struck.get(number) for number in range(len(faults))],
         outcome="broken" if broken else "killed" if world.killed else "held" if unplaced else "formed",
         reason=unplaced[0] if unplaced else "",
         duration_s=now_s(),

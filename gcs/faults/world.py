@@ -1,4 +1,4 @@
-"""A relay's world in which things fail at drawn moments, with an observer in it and perhaps an operator."""
+"""A relay's world in which things fail at drawn moments, with an observer and recorders in it, perhaps an operator."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import random
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 from zlib import crc32
 
@@ -16,7 +18,10 @@ from drivers.clock import Clock
 from drivers.tasks import background
 from gcs.faults.bus import FaultyBus
 from gcs.faults.fault import LYING, OF_THE_LINK, Fault
+from gcs.faults.kept.run import KeptRun
+from gcs.faults.moments import OF_THE_SERVICE, Moments
 from gcs.faults.observer import BRAKING_S, MustStop, Observer, Rules, Sight
+from gcs.faults.operator import operate
 from gcs.faults.sensor import FaultySensor
 from gcs.faults.striking import FOR_ALL, FOR_WHO_FLIES, OWN_TIME_OUT_S, Plant, stop_within_s, switch
 from gcs.faults.vehicle import FaultyVehicle
@@ -25,6 +30,7 @@ from gcs.relay.records import ReceiverRecord
 from gcs.simulate.virtual_time import VirtualTimeLoop
 from gcs.simulate.world import RelayWorld
 from gcs.simulated_vehicles import weather_of
+from gcs.traced_monitor import MonitorNote
 from planner.plan import RelayPlan
 
 _LOOK_S: Final = 0.05
@@ -33,9 +39,8 @@ _OLDEST_REPORT_S: Final = 0.5
 _STANDING_MPS: Final = 0.5
 _DONE: Final = ("PLACED", "FAILED")
 _MANY: Final = 5
-_OF_THE_SERVICE: Final = frozenset({"service_stopped", "service_killed"})
-_OPERATOR_S: Final = 4.0
-_RESUMED: Final = 2
+_WHOLE_EACH: Final = 4
+"""Of one run in so many everything is recorded, of the others the journal alone, which takes no time to speak of."""
 
 
 class _KilledError(Exception):
@@ -46,6 +51,8 @@ class FaultyWorld(RelayWorld):
     """A world with faults. Attended, an operator gives vehicles back, resumes the relay twice, and aborts it then."""
 
     vehicles: dict[str, FaultyVehicle]
+    kept: KeptRun
+    """The records of its run, while it runs."""
 
     def __init__(
         self,
@@ -58,20 +65,17 @@ class FaultyWorld(RelayWorld):
         attended: bool = False,
     ) -> None:
         self.observer = Observer(_rules(playbook), set(playbook.receivers))
-        self.struck: dict[int, float] = {}
-        """When each fault that has struck did so, by its number."""
+        self.moments = Moments(faults)
         self.wrong_placements = 0
         self.doubted_placements = 0
         """Those of them whose legs' monitors had refused directions again and again."""
         self.router = FaultyBus(clock, seed)
-        self._faults = faults
         self._from_north = playbook.sensor.reference == "true_north"
-        self._mended: set[int] = set()
         self._measured_s = -1.0
         self.killed = False
         """Whether the service was killed."""
-        self._moments: dict[tuple[str, str], float] = {}
         super().__init__(playbook, plan, clock, self.router, seed=seed, attended=attended)
+        self.executor = self.executor_of(self.executor.records, leases=self.vehicles, say=self._say)
         self._attended = attended
         self._safety = replace(self._safety, battery_percent=lambda name: self.vehicles[name].battery_percent)
         self._faulty = {
@@ -97,17 +101,28 @@ class FaultyWorld(RelayWorld):
         )
 
     async def run(self, limit_s: float) -> None:
-        """Run the relay to its end, watched."""
-        async with background(self._watch(), self._operate()):
+        """Run the relay to its end, watched and recorded."""
+        clock, records, board = self.clock, self.executor.records, self.score.board
+        with TemporaryDirectory(prefix="bearing-relay-") as folder:
+            whole = self.seed % _WHOLE_EACH == 0
+            self.kept = KeptRun(Path(folder), clock, self.bus, self.keys, records, board, self.frame, whole=whole)
+            try:
+                await self._run_watched(limit_s)
+            finally:
+                self.kept.close(partial(self._miss, clock.now_s()))
+
+    async def _run_watched(self, limit_s: float) -> None:
+        operating = [operate(self.executor, self.vehicles, self.observer, self.clock)] if self._attended else []
+        async with background(self._watch(), *operating):
             try:
                 await super().run(limit_s)
             except* _KilledError:
-                self.killed = True
+                pass
             self.observer.ended = True
             await self.hover(BRAKING_S + (OWN_TIME_OUT_S if self.killed else 2.0))
         for name, vehicle in self.vehicles.items():
             brakes = vehicle.goes_on_since_s > self.clock.now_s() - BRAKING_S
-            strays = vehicle.piloted or name in self._astray()
+            strays = vehicle.piloted or name in self.moments.astray()
             obeys = not (strays or brakes or (vehicle.cut and not self.killed))
             if obeys and self.observer.speed_mps(name) > self.observer.rules.standing_mps:
                 what = f"{self.observer.speed_mps(name):.2f} m/s after the relay's end"
@@ -129,11 +144,12 @@ class FaultyWorld(RelayWorld):
         self.router.repeat()
 
     def announced(self, record: ReceiverRecord) -> None:
-        """See a state told."""
+        """Record what is told, and see a new state."""
+        self.kept.announced(record)
         name, now_s, state = record.name, self.clock.now_s(), record.state.value
         if self.observer.states.get(name) == state:
             return
-        self._moments.setdefault((name, state), now_s)
+        self.moments.entered(name, state, now_s)
         vehicle = self.vehicles[name]
         vehicle.advance()
         number = int(state[-1]) - 1 if state.startswith("LEG") else -1
@@ -154,41 +170,30 @@ class FaultyWorld(RelayWorld):
             self.wrong_placements += wrong
             self.doubted_placements += wrong and sum(leg.outliers for leg in record.legs) >= _MANY
 
+    def traced(self, receiver: str, note: MonitorNote) -> None:
+        """Record what a stop monitor was told or answered."""
+        self.kept.traced(receiver, note)
+
+    def _say(self, text: str) -> None:
+        self.said.append(text)
+        self.kept.said(text, self.executor.taken, self.executor.given_up)
+
+    def _miss(self, now_s: float, name: str, what: str) -> None:
+        self.observer.findings.add("recorded", name, now_s, what)
+
     async def _watch(self) -> None:
         while True:
             self._look()
+            self.kept.look()
             await self.clock.sleep(_LOOK_S)
 
     def _look(self) -> None:
         self.places()
         sights = {
-            name: Sight(v.place, v.command, v.piloted, name in self._astray(), v.heard and not v.impaired)
+            name: Sight(v.place, v.command, v.piloted, name in self.moments.astray(), v.heard and not v.impaired)
             for name, v in self.vehicles.items()
         }
         self.observer.look(self.clock.now_s(), sights)
-
-    async def _operate(self) -> None:
-        """Do what an operator does who wants his formation: what has a pilot is given back, and the relay resumed."""
-        resumed = 0
-        while self._attended:
-            await self.clock.sleep(_OPERATOR_S)
-            if not self.executor.waiting:
-                continue
-            if resumed == _RESUMED:
-                self.executor.abort("the operator gives up")
-                continue
-            for name in self.executor.blocking():
-                self.vehicles[name].give_back()
-                self.vehicles[name].release()
-            self.executor.look()
-            self.observer.stops.clear()
-            self.executor.resume()
-            resumed += 1
-
-    def _astray(self) -> set[str]:
-        """Return who has drifted, or drifts."""
-        struck = (self._faults[number] for number in self.struck)
-        return {fault.target for fault in struck if fault.kind == "transmitter_drift"}
 
     def _see_command(self, name: str, velocity: complex) -> None:
         self.observer.commanded(name, self.clock.now_s(), velocity, piloted=self.vehicles[name].piloted)
@@ -200,36 +205,26 @@ class FaultyWorld(RelayWorld):
             self.observer.reported(name, self.clock.now_s(), self.clock.now_s() - age_s, report)
 
     def _strike_and_mend(self) -> None:
-        now_s = self.clock.now_s()
-        for number, fault in enumerate(self._faults):
-            entered_s = self._moments.get((fault.at.receiver, fault.at.state))
-            if entered_s is None or number in self._mended:
-                continue
-            if self.observer.ended and fault.kind in _OF_THE_SERVICE:
-                continue
-            if number not in self.struck:
-                if now_s >= entered_s + fault.at.after_s:
-                    self.struck[number] = now_s
-                    self.observer.lied_to |= fault.kind in LYING
-                    self._strike(fault, now_s)
-            elif fault.for_s is not None and now_s >= self.struck[number] + fault.for_s:
-                self._mended.add(number)
-                if fault.kind not in _OF_THE_SERVICE:
-                    switch(self._plant, fault, on=False)
+        for fault, begins in self.moments.due(self.clock.now_s(), ended=self.observer.ended):
+            if begins:
+                self.observer.lied_to |= fault.kind in LYING
+                self._strike(fault, self.clock.now_s())
+            else:
+                switch(self._plant, fault, on=False)
 
     def _strike(self, fault: Fault, now_s: float) -> None:
         """Let a fault begin, and the observer know who must stop for it."""
         flying = {name for name, vehicle in self.vehicles.items() if vehicle.command}
-        if fault.kind not in _OF_THE_SERVICE:
+        if fault.kind not in OF_THE_SERVICE:
             switch(self._plant, fault, on=True)
-        cut = any(other.kind in ("link_cut", *OF_THE_LINK) for other in self._faults)
+        cut = self.killed or any(other.kind in ("link_cut", *OF_THE_LINK) for other in self.moments.faults)
         told = self.observer.states.get(fault.target)
         within_s = stop_within_s(
             fault, self.on_air, self.limits.lease_s, done=told in _DONE, cut=cut, from_north=self._from_north
         )
         if within_s is not None:
             self._require_stop(fault, now_s, within_s, flying)
-        if fault.kind in _OF_THE_SERVICE:
+        if fault.kind in OF_THE_SERVICE:
             self._stop_service(fault.for_s)
 
     def _require_stop(self, fault: Fault, now_s: float, within_s: float, flying: set[str]) -> None:
@@ -245,7 +240,10 @@ class FaultyWorld(RelayWorld):
         obeying = [vehicle for vehicle in self.vehicles.values() if not vehicle.cut]
         for vehicle in obeying:
             vehicle.cut_link(cut=True)
+        self.observer.stops = [self._stopped_late(stop, for_s) for stop in self.observer.stops]
         if for_s is None:
+            self.killed = True
+            self.kept.kill()
             raise _KilledError
         loop, until_s = asyncio.get_running_loop(), self.clock.now_s() + for_s
         assert isinstance(loop, VirtualTimeLoop)  # noqa: S101 - no other can stand still
@@ -256,6 +254,14 @@ class FaultyWorld(RelayWorld):
                 self._measure()
         for vehicle in obeying:
             vehicle.cut_link(cut=False)
+
+    def _stopped_late(self, stop: MustStop, for_s: float | None) -> MustStop:
+        """Return when who has not been stopped yet stops under a service that stands still: later, or by itself."""
+        now_s = self.clock.now_s()
+        if stop.from_s - BRAKING_S <= now_s:
+            return stop
+        by_itself_s = max(stop.from_s, now_s + OWN_TIME_OUT_S + BRAKING_S)
+        return replace(stop, from_s=by_itself_s if for_s is None else min(by_itself_s, stop.from_s + for_s))
 
 
 def _rules(playbook: Playbook) -> Rules:

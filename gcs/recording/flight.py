@@ -37,6 +37,8 @@ MOST_KEYS: Final = 10_000
 """What comes on further keys is recorded as on one: a stranger may invent keys without end."""
 _FURTHER: Final = "further"
 _LOOKS_S: Final = 0.02
+_SETTLES_S: Final = 0.06
+"""When nothing has come for so long, all that came is put into the file: a service that is killed later loses none."""
 _CLOSING_S: Final = 10.0
 """A disk that takes longer than this to finish the file is not waited for."""
 
@@ -60,6 +62,7 @@ class Recording:
         self._queue_length = queue_length
         self._waiting: deque[tuple[int, str, bytes]] = deque()
         self._noted_bytes = self._taken_bytes = 0  # each counted by one thread only
+        self._wrote_s = self._opened_s
         self._ending = threading.Event()
 
     def note(self, key: str, payload: bytes) -> None:
@@ -97,12 +100,24 @@ class Recording:
     def write_all(self, tell: Say) -> None:
         """Write what is noted until `end`; runs in a thread of its own, and `tell` is called there."""
         while not self._ending.wait(_LOOKS_S):
-            self._write_waiting(tell)
+            self.look(tell)
         self._write_waiting(tell)
         try:
             self._files.finish()
         except Exception as error:  # noqa: BLE001 - as above
             self._stop(error, tell)
+
+    def look(self, tell: Say) -> None:
+        """Write what waits, and where nothing does any more have all of it in the file."""
+        now_s = self._clock.now_s()
+        if self._waiting:
+            self._wrote_s = now_s
+            self._write_waiting(tell)
+        elif self.stopped is None and now_s - self._wrote_s >= _SETTLES_S:
+            try:
+                self._files.settle()
+            except Exception as error:  # noqa: BLE001 - whatever is wrong with a recording must not end a flight
+                self._stop(error, tell)
 
     def end(self) -> None:
         """Let the thread end when it has written what waits."""

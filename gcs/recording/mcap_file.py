@@ -77,14 +77,21 @@ class McapFiles:
         self._free_bytes = free_bytes
         self._part: _Part | None = None
         self._flushed_ns = 0
+        self._flushed = True
 
     def write(self, topic: str, message: type[msgspec.Struct] | None, time_ns: int, payload: bytes) -> None:
-        """Add a message; what was added before the last tenth of a second is in the file."""
+        """Add a message; what was added a tenth of a second before it is in the file."""
         part = self._part or self._begin(time_ns)
         part.writer.add_message(part.channel(topic, message), time_ns, payload, time_ns)
+        self._flushed = False
         if time_ns - self._flushed_ns >= _FLUSH_NS:
             self._flushed_ns = time_ns
             self._flush(part)
+
+    def settle(self) -> None:
+        """Put into the file what was added last, for it may be long until something follows."""
+        if self._part is not None and not self._flushed:
+            self._flush(self._part)
 
     def finish(self) -> None:
         """Complete the file being written."""
@@ -113,6 +120,7 @@ class McapFiles:
 
     def _flush(self, part: _Part) -> None:
         part.writer.flush()
+        self._flushed = True
         written = part.stream.tell()
         if self.size_bytes + written >= self._limits.total_bytes:
             self.finish()

@@ -16,8 +16,9 @@ from drivers.tasks import background
 from gcs.bearings import BearingFeed
 from gcs.errors import HoldRequiredError, ServiceError
 from gcs.relay.emission import EmissionControl
-from gcs.relay.journey import Journey, NoWayError, Surroundings
+from gcs.relay.journey import Journey, Surroundings
 from gcs.relay.leg_flight import Announce, SetpointLease
+from gcs.relay.lookout import NoWayError
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.rerouting import around_routes, bare_problem
 from gcs.relay.schedule import Departure, hovering_beside, next_departure

@@ -10,8 +10,11 @@ OVER_S: Final = 6.0
 """What was told and what was flown are compared over this: no vehicle and no link takes half as long to answer..."""
 _FOLLOWED_SHARE: Final = 0.5
 """...and one that came less than this share of its way has not."""
-_LEAST_M: Final = 3.0
-"""Who was told to come less far is not judged: PX4 answers the slowest velocities late, or by drifting."""
+_CREEP_MPS: Final = 0.6
+"""Who falls short by less than this for all the time follows: PX4's own velocity is wrong by up to 0.5 m/s for so long,
+so that told 0.4 m/s it stands, or drifts the other way."""
+_LEAST_M: Final = 1.0
+"""A way shorter than this has no direction to speak of."""
 _SURE_SIGMAS: Final = 5.0
 
 
@@ -47,4 +50,5 @@ class Following:
         told_m, sigma_m = abs(way), max(then.sigma_m, now.sigma_m)
         if told_m >= _LEAST_M and then.time_s <= time_s - OVER_S:
             short_m = told_m - (come * way.conjugate()).real / told_m
-            self.lost = short_m > max((1.0 - _FOLLOWED_SHARE) * told_m, _SURE_SIGMAS * sigma_m)
+            crept_m = _CREEP_MPS * (time_s - then.time_s)
+            self.lost = short_m > max((1.0 - _FOLLOWED_SHARE) * told_m, crept_m, _SURE_SIGMAS * sigma_m)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from gcs.bearings import Observation, Observations
+from gcs.bearings import Observations
 from gcs.errors import HoldRequiredError
 from gcs.relay.emission import EmissionControl
-from gcs.relay.leg_flight import DISBELIEVED, Announce, LegFlight, SetpointLease
-from gcs.relay.locating import hear, locate, too_few, transmitters_to_hear
+from gcs.relay.leg_flight import Announce, LegFlight, SetpointLease
+from gcs.relay.lookout import Lookout, NoWayError
+from gcs.relay.placing import require_in_slot, worth_trimming
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.rerouting import reroute
 from gcs.relay.settings import RelaySettings
-from gcs.relay.standing import STANDING_SIGMA_M, Standing, sigma_towards_m, worst_sigma_m
+from gcs.relay.standing import STANDING_SIGMA_M, Standing
 from gcs.relay.states import ReceiverState, require_transition
 from gcs.stop_monitor import SLOT, TURN, StopMonitor
 from gcs.traced_monitor import Trace, TracedMonitor, untraced
@@ -39,16 +40,9 @@ _HELD_SIGMA_M: Final = 1.0
 """How far off one may hover that was told to stop, from where that should have brought it."""
 
 MOST_TRIMS: Final = 2
-_TRIMMED_M: Final = 0.3
-"""Nearer to its slot nobody is trimmed: a stop is no better."""
-_TRIMMED_SIGMAS: Final = 1.5
 
 _FIXES: Final = 3
 """How often one is located of whom it is not known where it stands: each time by transmitters better chosen."""
-
-
-class NoWayError(HoldRequiredError):
-    """There is no route to the slot from where the receiver was located."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +99,27 @@ class Journey:
         record, settings = self.record, self.around.settings
         prior, covariance = self._expected()
         if self.hovering is None:
-            return await self._located(record.route.transmitters, settings.locate_samples, prior, covariance)
+            return await self._lookout.locate(record.route.transmitters, settings.locate_samples, prior, covariance)
         for _ in range(_FIXES):
-            fix = await self._located((), settings.locate_samples, prior, covariance)
+            fix = await self._lookout.locate((), settings.locate_samples, prior, covariance)
             if abs(fix.position - prior) <= settings.start_tolerance_m:
                 break
             prior, covariance = fix.position, None
         return fix
+
+    @property
+    def _lookout(self) -> Lookout:
+        around = self.around
+        return Lookout(
+            self.record.name,
+            around.standing,
+            around.emission,
+            self.observations,
+            self.objection,
+            around.clock,
+            around.settings.give_up_s,
+            around.problem.heading_referenced,
+        )
 
     def _expected(self) -> tuple[complex, Reals | None]:
         """Return where the receiver should be, and the covariance of that, m^2; None: it may be anywhere."""
@@ -122,54 +130,6 @@ class Journey:
         else:
             place, covariance = record.place, _wider(record.covariance, _HELD_SIGMA_M)
         return place, None if record.strayed else covariance
-
-    async def _located(
-        self,
-        needed: Collection[str],
-        samples: int,
-        prior: complex,
-        covariance: Reals | None,
-        monitor: StopMonitor | None = None,
-    ) -> Fix:
-        """Locate the receiver that hovers near `prior`, known with a covariance, m^2, or hardly.
-
-        A stop monitor is told what is heard for it. HoldRequiredError when bearings do not fix its place.
-        """
-        standing, from_north = self.around.standing, self.around.problem.heading_referenced
-        names = transmitters_to_hear(prior, needed, standing.places, heading_referenced=from_north)
-        if len(names) < 2:
-            raise NoWayError(f"it takes two transmitters to be located, and there is {', '.join(names) or 'none'} left")
-        self.around.emission.need(self.record.name, names)
-        heard = await self._heard(names, samples)
-        if monitor is not None:
-            for observation in heard:
-                monitor.observe(observation.captured_s, observation.directions_rad, observation.sigma_rad)
-        if few := too_few(heard, names, samples):
-            raise HoldRequiredError(
-                f"only {min(few.values())} of {samples} reports with bearings of {', '.join(few)}: "
-                "check its sensor and the transmitters"
-            )
-        try:
-            places = {name: standing.places[name] for name in sorted(names)}
-            return locate(heard, places, standing.sigma_m, prior, covariance, heading_referenced=from_north)
-        except PlannerError as error:
-            raise HoldRequiredError(f"it could not be located: {error}") from error
-
-    async def _heard(self, names: Collection[str], samples: int) -> list[Observation]:
-        """Return what is heard while nothing forbids it to move; heard anew when something did.
-
-        HoldRequiredError when that lasts for as long as a leg would wait.
-        """
-        clock, patience_s = self.around.clock, self.around.settings.give_up_s
-        since_s: float | None = None
-        while True:
-            self.observations.forget()
-            heard = await hear(self.observations, names, samples, patience_s)
-            if (objection := self.objection()) is None:
-                return heard
-            since_s = clock.now_s() if since_s is None else since_s
-            if clock.now_s() - since_s >= patience_s:
-                raise HoldRequiredError(objection)
 
     def _route_from(self, located: complex) -> Route:
         """Return the planned route from where it was located, without legs for one that is back in its slot.
@@ -256,7 +216,7 @@ class Journey:
         for trims_left in reversed(range(MOST_TRIMS + 1)):
             around.enter(record, ReceiverState.VERIFYING)
             await around.clock.sleep(around.settings.settle_s)
-            fix = await self._located(
+            fix = await self._lookout.locate(
                 route.transmitters,
                 around.settings.verify_samples,
                 route.target,
@@ -266,23 +226,12 @@ class Journey:
             place, covariance = (fix.position, fix.covariance) if monitor is None else monitor.standing_place()
             record.place, record.covariance = place, covariance
             off_m = abs(place - route.target)
-            if monitor is None or not trims_left or not _worth_trimming(place - route.target, covariance):
+            if monitor is None or not trims_left or not worth_trimming(place - route.target, covariance):
                 break
             around.enter(record, ReceiverState.TRIMMING, f"bearings put it {off_m:.2f} m from {route.slot}")
             await self._leg_flight(monitor).fly()
-        tolerance_m = around.settings.placement_tolerance_m
-        for known_as, at in (("bearings put it", fix.position), ("its last leg and bearings put it", place)):
-            allowed_m = tolerance_m + 3.0 * sigma_towards_m(at - route.target, fix.covariance)
-            if abs(at - route.target) > allowed_m:
-                raise HoldRequiredError(
-                    f"{known_as} {abs(at - route.target):.1f} m from {route.slot} (allowed are {allowed_m:.1f} m)"
-                )
-        if monitor is not None and monitor.disbelieved:
-            raise HoldRequiredError(DISBELIEVED)
-        if worst_sigma_m(covariance) > tolerance_m:
-            raise HoldRequiredError(
-                f"it is not known to {tolerance_m:g} m whether it stands in {route.slot}: it hears too few transmitters"
-            )
+        disbelieved, tolerance_m = monitor is not None and monitor.disbelieved, around.settings.placement_tolerance_m
+        require_in_slot(route, fix, place, covariance, tolerance_m, disbelieved=disbelieved)
         record.off_plan = False
         around.standing.join(record.name, place, covariance)
         around.enter(record, ReceiverState.PLACED, f"bearings put it {off_m:.2f} m from {route.slot}")
@@ -291,8 +240,3 @@ class Journey:
 def _wider(covariance: Reals | None, sigma_m: float) -> Reals | None:
     """Return the covariance of what may besides be off by `sigma_m` on each axis."""
     return None if covariance is None else covariance + np.eye(2) * sigma_m**2
-
-
-def _worth_trimming(off: complex, covariance: Reals) -> bool:
-    """Return whether a trim leg would bring a receiver nearer: its offset is known better than it is small."""
-    return abs(off) > max(_TRIMMED_M, _TRIMMED_SIGMAS * sigma_towards_m(off, covariance))

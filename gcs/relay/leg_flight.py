@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Protocol, runtime_checkable
@@ -20,6 +21,9 @@ from planner.frames import FormationFrame
 from planner.plan import Leg
 
 Announce = Callable[[ReceiverRecord], None]
+
+_FIGURE: Final = re.compile(r"\d+\.\d+")
+"""What may change in a reason that stays the same: metres, seconds."""
 
 DISBELIEVED: Final = "its bearings agree on a place that it cannot have flown to"
 
@@ -163,8 +167,8 @@ class LegFlight:
             raise HoldRequiredError(f"{problem} (for {now_s - self._usable_s:.1f} s)")
 
     def _say(self, reason: str) -> None:
-        """Announce a new reason, once."""
-        if self.record.reason != reason:
+        """Announce a new reason, once; another figure in it makes no other reason."""
+        if _FIGURE.sub("", self.record.reason) != _FIGURE.sub("", reason):
             self.record.reason = reason
             self.announce(self.record)
 

@@ -255,7 +255,7 @@ def test_a_vehicle_that_does_not_fly_as_told_is_held_long_before_its_leg_s_time(
     run = fly(three, fault("link_cut"))
     assert (run.outcome, run.violations) == ("held", [])
     assert "does not fly as told" in run.reason
-    assert run.duration_s < run.struck_s[0] + 25.0  # so near its end it is told to come slowly, which tells little
+    assert run.duration_s < run.struck_s[0] + 15.0
 
 
 def test_telling_a_vehicle_to_fly_that_does_not_is_found(playbook: Playbook) -> None:
@@ -291,6 +291,26 @@ def test_a_stopped_service_moves_nobody_by_what_is_old(two: Playbook) -> None:
 def test_a_killed_service_leaves_vehicles_that_stop_by_themselves(playbook: Playbook) -> None:
     run = fly(playbook, fault("service_killed"))
     assert (run.outcome, run.violations) == ("killed", [])
+
+
+@pytest.mark.parametrize(
+    "of_the_service", [fault("service_killed", "LEG_2", 3.0), fault("service_stopped", "LEG_2", 3.0, for_s=5.0)]
+)
+@pytest.mark.parametrize("other", ["bus_lost", "sensor_silent", "telemetry_lost"])
+@pytest.mark.parametrize("after_s", [2.8, 3.1])
+def test_whoever_the_service_cannot_stop_any_more_stops_by_itself(
+    playbook: Playbook, of_the_service: Fault, other: Kind, after_s: float
+) -> None:
+    run = fly(playbook, of_the_service, fault(other, "LEG_2", after_s))
+    assert None not in run.struck_s
+    assert run.violations == []
+
+
+def test_a_service_that_stood_still_for_a_moment_is_excused_for_that_moment(playbook: Playbook) -> None:
+    moment = fault("service_stopped", after_s=1.2, for_s=0.3)
+    run = fly(playbook, fault("sensor_silent"), moment, work=blindly(0.7 + 0j, 20.0))
+    (found_s,) = (finding.time_s for finding in run.violations if finding.invariant == "stopped")
+    assert found_s < run.struck_s[0] + 5.5
 
 
 def test_telling_to_fly_after_the_end_is_found(playbook: Playbook) -> None:

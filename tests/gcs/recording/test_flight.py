@@ -35,6 +35,7 @@ from drivers.bus.session import BusEndpoint, open_bus
 from drivers.simulation.launcher import free_tcp_port
 from gcs.recording.flight import MOST_KEYS, QUEUE_BYTES, Recording, open_recording
 from gcs.recording.mcap_file import McapFiles, SizeLimits
+from gcs.recording.mcap_reading import parts_of, read_flight
 from gcs.recording.topics import MESSAGES, decoded, every_message, schema_of
 from gcs.traced_monitor import MonitorNote
 from tests.fakes import FAKE_UNIX_NS, ManualClock
@@ -95,6 +96,19 @@ def largest_file(size_bytes: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+async def test_what_came_last_before_a_silence_is_in_the_file_long_before_anything_follows(tmp_path: Path) -> None:
+    """A service that is killed in a silence has lost nothing."""
+    bus, clock = Everything(), ManualClock()
+    async with open_recording(tmp_path, bus, KEYS, clock, pytest.fail):
+        for north_m in (1.0, 2.0):
+            bus.hear(KEYS.position("U1"), position(north_m))
+            await clock.advance(0.01)
+        async with asyncio.timeout(20.0):
+            while not parts_of(tmp_path) or len(list(read_flight(tmp_path, lambda _: None))) < 2:
+                await asyncio.sleep(0.02)
+                await clock.advance(0.02)
 
 
 async def test_every_message_comes_out_once_valid_and_in_order(tmp_path: Path) -> None:

@@ -160,6 +160,18 @@ async def test_safety_s_objection_stops_and_holds() -> None:
     assert "only 2.0 m from U5" in await held_because("U1", "only 2.0 m from U5")
 
 
+async def test_an_objection_is_announced_once_whatever_its_figures() -> None:
+    world = World()
+
+    def come_nearer(now_s: float) -> None:
+        if now_s > 8.0:
+            world.objections["U1"] = f"only {max(2.0, 12.0 - now_s):.2f} m from {'U5' if now_s < 10.0 else 'U6'}"
+
+    await world.run(meanwhile=come_nearer)
+    said = [reason for _, name, _, reason in world.history if name == "U1" and reason.endswith(": zero velocity")]
+    assert [reason.split()[4] for reason in said] == ["U5:", "U6:"]
+
+
 async def test_a_transmitter_that_tells_of_being_off_its_place_stops_who_flies_by_it() -> None:
     reason = await held_because("L0", "it is 4.0 m from its place")
     assert "its transmitter L0: it is 4.0 m from its place" in reason

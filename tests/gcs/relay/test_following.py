@@ -60,6 +60,32 @@ def test_one_that_answers_the_slowest_velocities_by_drifting_is_not_judged() -> 
     assert watched(lambda at_s: 0.45 * at_s, lambda at_s: -0.1 * at_s, 30.0, sigma_m=0.05) is None
 
 
+def test_one_that_flew_well_and_then_creeps_is_not_judged() -> None:
+    """As PX4 did on a leg of 5 m: told to slow down from 1.5 to 0.4 m/s, it stood, half of its way short."""
+    slows_s = 3.0
+    assert (
+        watched(
+            lambda at_s: 1.5 * min(at_s, slows_s) + 0.4 * max(0.0, at_s - slows_s),
+            lambda at_s: 1.5 * min(at_s, slows_s),
+            30.0,
+            sigma_m=0.05,
+        )
+        is None
+    )
+
+
+def test_one_that_flew_on_beyond_its_end_does_not_follow_however_slowly_it_is_called_back() -> None:
+    """As one does whose link was cut before it slowed down."""
+    turns_s = 3.0
+    lost_s = watched(
+        lambda at_s: 2.0 * min(at_s, turns_s) - 0.35 * max(0.0, at_s - turns_s),
+        lambda at_s: 2.0 * min(at_s, turns_s + 1.5),
+        30.0,
+    )
+    assert lost_s is not None
+    assert lost_s < turns_s + OVER_S + 1.0
+
+
 def test_begun_anew_nothing_counts_that_was_before() -> None:
     following = Following()
     for number in range(80):
