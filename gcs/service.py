@@ -6,6 +6,7 @@ import contextlib
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ from gcs.recording.run_folder import RunFolder
 from gcs.recording.score import Score
 from gcs.recording.series import Series
 from gcs.recording.versions import versions
+from gcs.refused_on_bus import RefusedOnBus
 from gcs.relay.emission import EmissionControl
 from gcs.relay.records import ReceiverRecord
 from gcs.relay.settings import RelaySettings
@@ -152,6 +154,9 @@ async def _serve(
         folder.write_json(BUS_FILE, msgspec.to_builtins(BusAddress(endpoint, playbook.name, playbook.bus.insecure)))
         tlogs = await stack.enter_async_context(open_tlogs(folder.path / "tlogs", clock))
         counted = CountingLogs(tlogs)
+        refused = RefusedOnBus(clock, partial(status.say, level="warning"))
+        refused.attach(bus, playbook.name)
+        status.refused_on_bus = refused.alert
         desk = _nodes(playbook, folder, bus, clock, status)
         fleet = await stack.enter_async_context(open_links(playbook, clock, sitl, counted, shares_of(desk)))
         taps = await stack.enter_async_context(tapped(playbook, fleet.vehicles, clock))
@@ -172,7 +177,8 @@ async def _serve(
         await stack.enter_async_context(_recorded(run, token))
         await stack.enter_async_context(_served(run, desk))
         await _staged(run, resumption)
-        report = run.report()
+        by_nodes = {} if desk is None else desk.refusals()
+        report = run.report() | {"refused_on_bus": refused.report(), "refused_by_nodes": by_nodes}
     figure = folder.path / "figure.svg"
     return RunResult(report, folder, figure, tuple(_unwritten(playbook, run, report, figure)))
 

@@ -70,6 +70,8 @@ class RunStatus:
     """Tells how the links fare, each with the names of the vehicles behind it."""
     recording: Callable[[], str | None] = lambda: None
     """Tells what is wrong with the recording of the links, or None."""
+    refused_on_bus: Callable[[], str | None] = lambda: None
+    """Tells what the bus routers refused, or None."""
     messages: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=_MESSAGES_KEPT))
     said: int = 0
     """How many messages there have been; the last of them are kept."""

@@ -7,15 +7,9 @@ import asyncio
 import sys
 from pathlib import Path
 
-from drivers.bus.security import with_keys
-from drivers.bus.session import BusEndpoint, open_bus
+from drivers.bus.routing import route
+from drivers.bus.session import BusEndpoint
 from drivers.errors import BusError
-from drivers.process import until_told_to_stop
-
-
-async def _serve(endpoint: BusEndpoint, keys: Path | None, parent_pid: int | None) -> None:
-    async with open_bus(with_keys(endpoint, keys)):
-        await until_told_to_stop(parent_pid)
 
 
 def main() -> int:
@@ -30,7 +24,7 @@ def main() -> int:
     arguments = parser.parse_args()
     endpoint = BusEndpoint(arguments.endpoint, role="router", insecure=arguments.insecure)
     try:
-        asyncio.run(_serve(endpoint, arguments.keys, arguments.parent_pid))
+        asyncio.run(route(endpoint, arguments.keys, arguments.parent_pid))
     except BusError as error:
         sys.stderr.write(f"{error}\n")
         return 2

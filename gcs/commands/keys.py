@@ -41,12 +41,17 @@ def init(
     router: Annotated[
         str | None, typer.Option(help="where the router listens, tls/HOST:PORT; without it the playbook's bus.router")
     ] = None,
+    site: Annotated[
+        list[str] | None,
+        typer.Option(help="a site with a router of its own that connects to the other one: NAME=tls/HOST:PORT; repeat"),
+    ] = None,
     days: Annotated[int, typer.Option(help="for how long the certificates hold", min=1, max=3650)] = 365,
 ) -> None:
     """Make keys for the router, the service, the operator and every UAV of a playbook: one file each, mode 0600.
 
-    A UAV may then publish only its own bearings and clock answers, and only the operator may command. The authority
-    behind them is not kept: for one more UAV, or after a loss, make all of them anew.
+    A UAV may then publish only its own bearings and clock answers, and only the operator may command. A site's router
+    passes on what its own parties may say, and judges that itself. The authority behind them is not kept: for one more
+    UAV, or after a loss, make all of them anew.
     """
     playbook = load_playbook(path)
     name, endpoint = swarm or playbook.name, router or playbook.bus.router
@@ -55,7 +60,8 @@ def init(
     if endpoint is None:
         raise ServiceError("where does the router listen? Give --router tls/HOST:PORT, or bus.router in the playbook")
     nodes = sorted(set(playbook.nodes.values()))
-    made = configurations(name, list(playbook.uavs), endpoint, Authority(name, now(), days), nodes)
+    authority, sites = Authority(name, now(), days), _sites(site or [])
+    made = configurations(name, list(playbook.uavs), endpoint, authority, nodes, sites)
     _write(out, made)
     table = Table(title=f"keys of {name} in {out}, for {days} days", title_style="bold", header_style="bold")
     table.add_column("file", no_wrap=True)
@@ -67,9 +73,24 @@ def init(
     console.print("Move each to where it belongs, over a way you trust, and delete it here.", soft_wrap=True)
 
 
+def _sites(given: list[str]) -> dict[str, str]:
+    """Return where the router of each site listens. ServiceError for what is no site, or one said twice."""
+    sites: dict[str, str] = {}
+    for each in given:
+        name, _, endpoint = each.partition("=")
+        if re.fullmatch(NAME_PATTERN, name) is None or not endpoint:
+            raise ServiceError(f"{each!r} is no site: --site takes NAME=tls/HOST:PORT")
+        if name in sites:
+            raise ServiceError(f"site {name} is given twice: each has one router")
+        sites[name] = endpoint
+    return sites
+
+
 def _place_of(party: str) -> str:
-    """Return where the keys of a node or of a UAV belong."""
+    """Return where the keys of a node, of a site's router or of a UAV belong."""
     kind, _, name = party.partition(".")
+    if kind == ROUTER:
+        return f"the bus router of site {name}, and nobody else"
     return f"the machine of link node {name}" if kind == "node" else f"the companion computer of {name}"
 
 

@@ -40,9 +40,9 @@ class FaultyVehicle(SimulatedVehicle):
         self._commanded = commanded
         self.battery_percent = _FULL_PERCENT
         self._uplink: Radio[complex] = Radio(f"{seed}/up")
-        self._downlink: Radio[complex] = Radio(f"{seed}/down")
+        self._downlink: Radio[tuple[complex, complex]] = Radio(f"{seed}/down")
         self._heard_s = self._sent_s = clock.now_s()
-        self._told: complex | None = None
+        self._told: tuple[complex, complex] | None = None
         self._waiting: complex | None = None
         self.goes_on_since_s = clock.now_s()
         """Since when it has not been frozen."""
@@ -65,9 +65,9 @@ class FaultyVehicle(SimulatedVehicle):
         return self._told is not None
 
     @property
-    def told_place(self) -> complex:
-        """Where it has told to be."""
-        return self.place if self._told is None else self._told
+    def told(self) -> tuple[complex, complex]:
+        """Where it has told to be, m, and its velocity, m/s."""
+        return (self.place, self.velocity) if self._told is None else self._told
 
     @property
     def heard(self) -> bool:
@@ -84,7 +84,7 @@ class FaultyVehicle(SimulatedVehicle):
         for radio in (self._uplink, self._downlink):
             radio.impairment = replace(radio.impairment, **shares_and_times)
         if self._told is None:
-            self._told, self._heard_s, self._sent_s = self.place, self._clock.now_s(), self._clock.now_s()
+            self._told, self._heard_s, self._sent_s = self.told, self._clock.now_s(), self._clock.now_s()
 
     def drain(self, *, drained: bool) -> None:
         """Tell of an empty battery, or of a full one."""
@@ -153,14 +153,14 @@ class FaultyVehicle(SimulatedVehicle):
             if self.state in (StreamState.LEASED, StreamState.STOPPING) and not self.cut:
                 self._uplink.send(self._sent_s, self.command)
             if self.heard:
-                self._downlink.send(self._sent_s, self.place)
-        told = self.command
+                self._downlink.send(self._sent_s, (self.place, self.velocity))
+        commanded = self.command
         for _, velocity in self._uplink.arrived(now_s):
             if not (self.cut or self.frozen or self.state is StreamState.PILOT):
                 super()._obey(velocity)
-        self.command = told
-        for at_s, place in self._downlink.arrived(now_s):
-            self._heard_s, self._told = at_s, place
+        self.command = commanded
+        for at_s, told in self._downlink.arrived(now_s):
+            self._heard_s, self._told = at_s, told
 
     def _fly_to(self, time_s: float) -> None:
         if self.frozen:

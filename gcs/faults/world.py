@@ -27,6 +27,7 @@ from gcs.faults.striking import FOR_ALL, FOR_WHO_FLIES, OWN_TIME_OUT_S, Plant, s
 from gcs.faults.vehicle import FaultyVehicle
 from gcs.playbook.schema import Playbook
 from gcs.relay.records import ReceiverRecord
+from gcs.separation import braking_way
 from gcs.simulate.virtual_time import VirtualTimeLoop
 from gcs.simulate.world import RelayWorld
 from gcs.simulated_vehicles import weather_of
@@ -140,7 +141,10 @@ class FaultyWorld(RelayWorld):
         super().measure()
         board = self.score.board.latest
         board.update({name: told for name, told in silent.items() if told is not None})
-        board.update({n: replace(board[n], north_east=v.told_place) for n, v in self.vehicles.items() if v.impaired})
+        for name, vehicle in self.vehicles.items():
+            if vehicle.impaired:
+                place, velocity = vehicle.told
+                board[name] = replace(board[name], north_east=place, braking_way=braking_way(velocity))
         self.router.repeat()
 
     def announced(self, record: ReceiverRecord) -> None:

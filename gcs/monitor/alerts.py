@@ -48,6 +48,7 @@ def run_alerts(status: RunStatus) -> list[Alert]:
         *_of_takeovers(status),
         *_of_links(status.links()),
         *_of_recording(status.recording()),
+        *_of_refused(status.refused_on_bus()),
     ]
     return _worst_first(found)
 
@@ -183,6 +184,11 @@ def link_trouble(link: LinkStatus) -> str:
 def _of_recording(problem: str | None) -> Iterator[Alert]:
     if problem:
         yield Alert("warning", "recording", problem, "the flight goes on; free the disk before the next")
+
+
+def _of_refused(refused: str | None) -> Iterator[Alert]:
+    if refused:
+        yield Alert("warning", "bus", refused, "see who it is; a UAV that speaks for others needs keys made anew")
 
 
 def _of_dropped(dropped: int) -> Iterator[Alert]:

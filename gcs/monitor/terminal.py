@@ -7,11 +7,13 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+import msgspec
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from drivers.bus.refusals import Refusals
 from gcs.monitor.alerts import run_alerts
 from gcs.monitor.terminal_app.views import alert_lines
 from gcs.monitor.terminal_app.words import state_style
@@ -123,4 +125,10 @@ def result_lines(report: Mapping[str, Any]) -> list[str]:
         f"{report['duration_s']:.0f} s, {report['emission_transmitter_s']:.0f} transmitter-seconds, "
         f"closest approach {'–' if separation is None else f'{separation:.1f} m'}",
         f"{reports['received']} bearing reports" + (f" ({dropped})" if dropped else ""),
+        *_refused_line(report.get("refused_on_bus")),
     ]
+
+
+def _refused_line(counted: Mapping[str, Any] | None) -> list[str]:
+    refused = msgspec.convert(counted or {}, Refusals)
+    return [str(refused)] if refused.total else []

@@ -31,6 +31,7 @@ ASSIGN_AGAIN_S: Final = 1.0
 GONE_S: Final = 2.0 * BEAT_S
 """A node that the bus takes for gone, and that has been silent for so long, is: others come back at once."""
 MOST_NODES: Final = 64
+MOST_LIVES: Final = 256
 STRAY_BEATS: Final = 3
 """So many beats in a row without a vehicle that should be flown are no beats that were just overtaken."""
 READY_TIMEOUT_S: Final = 20.0
@@ -68,6 +69,8 @@ class NodeDesk:
     """The vehicles that the operator has not released."""
     refused: Counter[str] = field(default_factory=Counter)
     """What was not understood, or came from whoever does not have the vehicle."""
+    _refused_by: dict[tuple[str, int], dict[str, int]] = field(default_factory=dict, init=False)
+    """What each node has refused in each of its lives, by why."""
     _assigned_s: dict[str, float] = field(default_factory=dict, init=False)
     _gone_nodes: set[str] = field(default_factory=set, init=False)
     """The nodes that were lost, and of which it was not said yet that they are back."""
@@ -171,6 +174,10 @@ class NodeDesk:
         """Return why the node that has a vehicle is lost, or None."""
         return self.ownership.nodes[self.held(vehicle).node].lost
 
+    def refusals(self) -> dict[str, int]:
+        """Return how much was refused here and by the nodes, in all their lives, by why."""
+        return dict(sum(map(Counter, self._refused_by.values()), self.refused))
+
     def take_beat(self, key: str, payload: bytes) -> None:
         """Take a node's beat as it comes off the bus, and answer it."""
         node = node_of(key)
@@ -186,6 +193,8 @@ class NodeDesk:
             return
         if view.lost is None and view.beat is not None and view.beat.life != beat.life:
             self._lose(node, "it has begun anew")
+        if beat.refused and ((node, beat.life) in self._refused_by or len(self._refused_by) < MOST_LIVES):
+            self._refused_by[node, beat.life] = beat.refused
         grant = self.ownership.answer(node, beat, self.clock.now_s())
         if grant is not None:
             self.bus.put_latest(NodeKeys(self.swarm, node).grant, encode(grant), urgent=True)

@@ -49,6 +49,8 @@ PASSED_ON: Final = frozenset(
     }
 )
 """What of the service's own frames reaches a vehicle: commands and questions. Setpoints come from here alone."""
+FOR_ALL: Final = frozenset({mavlink.MAVLINK_MSG_ID_TIMESYNC})
+"""What of that may name no vehicle: everybody behind the link answers it, and nobody does anything."""
 
 
 @dataclass
@@ -212,9 +214,13 @@ class Holder:
 
     def _pass_on(self, order: Command) -> None:
         message = self._codec.decode(bytearray(order.frame))
-        if message is None or message.get_msgId() not in PASSED_ON:
+        if message is None:
+            self._refuse(order, "it is no MAVLink 2 frame")
+        elif message.get_msgId() not in PASSED_ON:
             self._refuse(order, "it is no command")
-        elif getattr(message, "target_system", self.post.system_id) not in (0, self.post.system_id):
+        elif (target := getattr(message, "target_system", 0)) == 0 and message.get_msgId() not in FOR_ALL:
+            self._refuse(order, "it is for every system behind the link: a command names its vehicle")
+        elif target not in (0, self.post.system_id):
             self._refuse(order, "it is for another system")
         elif self.vehicle is not None and order.urgent:
             self.vehicle.link.drop_setpoint(self.post.system_id)

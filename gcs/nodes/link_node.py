@@ -17,6 +17,7 @@ from drivers.bus.keys import SwarmKeys, uav_of
 from drivers.bus.node_keys import NodeKeys
 from drivers.bus.session import LiveBus
 from drivers.clock import Clock, SystemClock
+from drivers.mavlink.codec import MAGIC
 from drivers.mavlink.signing import Signing, open_signing
 from drivers.mavlink.tlog import FrameLog
 from drivers.mavlink.transport import LinkAddress
@@ -192,6 +193,9 @@ class LinkNode:
 
     def pass_on(self, address: str, frame: bytes | bytearray) -> None:
         """Let a frame of an autopilot wait for the service, where that wants it."""
+        if frame[0] != MAGIC:
+            self.tenure.refused["no MAVLink 2 frame"] += 1
+            return
         wanted = self._wanted.get((address, frame[5]))
         if wanted is None or frame[6] != mavlink.MAV_COMP_ID_AUTOPILOT1:
             return

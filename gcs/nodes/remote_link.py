@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drivers.clock import Clock
 from drivers.errors import LinkError, SetpointError
-from drivers.mavlink.codec import Codec, Message
+from drivers.mavlink.codec import MAGIC, Codec, FrameHeader, Message
 from drivers.mavlink.link import Setpoint, Subscription
 from drivers.mavlink.link_status import SILENT_AFTER_S, LinkState, LinkStatus
 from drivers.mavlink.transport import LinkAddress
@@ -76,15 +76,14 @@ class RemoteLink:
 
     def receive(self, frame: bytes) -> None:
         """Take in a frame as it came to the node."""
-        self._received += 1
-        self._last_s = self._clock.now_s()
         wanted, received = self.wanted, bytearray(frame)
-        if received[5] != wanted.system_id or received[6] != mavlink.MAV_COMP_ID_AUTOPILOT1:
+        message = self._codec.decode(received) if _is_of(wanted, received) else None
+        if message is None:
             self._dropped += 1
             return
-        message = self._codec.decode(received)
-        if message is not None and message.get_msgId() in wanted.message_ids:
-            wanted.handler(message)
+        self._received += 1
+        self._last_s = self._clock.now_s()
+        wanted.handler(message)
 
     def status(self, now_s: float) -> LinkStatus:
         """Return how it fares, as far as that can be told from here."""
@@ -108,3 +107,14 @@ class RemoteLink:
     def _pass(self, message: Message, *, urgent: bool) -> None:
         self._sent += 1
         self._send(self._codec.encode(message), urgent)
+
+
+def _is_of(wanted: Subscription, frame: bytearray) -> bool:
+    """Return whether a frame is MAVLink 2, of the autopilot that is listened to, and one of those that are wanted."""
+    header = FrameHeader.of(frame)
+    return (
+        frame[0] == MAGIC
+        and header.system_id == wanted.system_id
+        and header.component_id == mavlink.MAV_COMP_ID_AUTOPILOT1
+        and header.message_id in wanted.message_ids
+    )

@@ -22,6 +22,8 @@ def complaints(data: RunData) -> Content:
         found.append(
             f"flight.mcap is not complete: {data.traffic.dropped} messages came faster than the disk took them"
         )
+    if data.result is not None and data.result.refused_on_bus.total:
+        found.append(str(data.result.refused_on_bus))
     missing = [name for name in data.missing if name != "report.json"]
     if missing:
         found.append(f"not in the folder: {', '.join(missing)}")

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers import strict_json
+from drivers.bus.refusals import Refusals
 from gcs.errors import ServiceError
 from gcs.expectations.verdicts import Verdict
 
@@ -96,6 +97,7 @@ class Result(msgspec.Struct, frozen=True):
     stages: list[StageResult] = []
     verdicts: list[Verdict] = []
     measurements: list[Measurement] = []
+    refused_on_bus: Refusals = Refusals()
 
 
 class KeyFigures(msgspec.Struct, frozen=True):

@@ -3,7 +3,10 @@
 Two sites are namespaces, each with a radio to the copters, a link to the service and a router of its own. Run as root:
 
     python -m tests.benchmarks.bench_nodes --vehicles 200 --waves 3 [--fault cut] [--speedup 0.5] [--json FILE]
+    python -m tests.benchmarks.bench_nodes --vehicles 20 --command [--fault cut] [--json FILE]
 
+With --command they are the commands `fly` and `link-node` that fly, by a plan of their own and in real time, as all
+vehicles that a playbook names. Otherwise service and nodes are begun by themselves, with a plan of so many waves.
 All durations are in the simulated time that everything shares; real time is that divided by --speedup.
 """
 
@@ -92,7 +95,10 @@ class Bench:
 
     async def start(self, group: ProcessGroup, name: str, word: str, told: dict[str, Any], site: str = "") -> None:
         """Start a process of the field, in a site's namespace where one is named."""
-        arguments = ["-m", "tests.benchmarks.nodes_field", word, json.dumps(told)]
+        await self.begin(group, name, ["-m", "tests.benchmarks.nodes_field", word, json.dumps(told)], site)
+
+    async def begin(self, group: ProcessGroup, name: str, arguments: list[str], site: str = "") -> None:
+        """Start a Python process, in a site's namespace where one is named."""
         if site:
             script = (
                 f"import os; os.execvp('ip', {['ip', 'netns', 'exec', f'br-{site}', sys.executable, *arguments]!r})"
@@ -118,12 +124,27 @@ class Bench:
             up = {"endpoints": [self.router], "connect": [f"tcp/10.78.{number}.1:{PORT}"]}
             await self.start(group, f"router-{site}", "router", up, site)
         for site in SITES:
-            await self.start(group, site, "node", self.told | {"name": site, "connect": self.router}, site)
+            if self.arguments.command:
+                words = ["link-node", site, "--swarm", "nodes", "--connect", self.router]
+                await self.begin(group, site, ["-m", "gcs.cli", *words], site)
+            else:
+                await self.start(group, site, "node", self.told | {"name": site, "connect": self.router}, site)
         async with joined(self.router) as bus:
             await group.start("sensors", ["-m", "drivers.aoa.simulated"], stdin=self.sensors())
             bus.subscribe(KEYS.progress, self.note)
-            await self.start(group, "service", "fly", self.told)
+            if self.arguments.command:
+                await self.begin(group, "service", self.command())
+            else:
+                await self.start(group, "service", "fly", self.told)
             await self.relay(group, bus)
+            if self.arguments.command:
+                self.results["exit_status"] = await asyncio.wait_for(group.processes["service"].wait(), WAITS_S)
+
+    def command(self) -> list[str]:
+        """Return the words of the `fly` command, for the playbook in a file."""
+        path = self.folder / "nodes.yaml"
+        path.write_bytes(msgspec.json.encode(self.playbook.model_dump(mode="json", exclude_unset=True)))
+        return ["-m", "gcs.cli", "fly", str(path), "--attended", "--runs-dir", str(self.folder / "runs")]
 
     def sensors(self) -> bytes:
         settings = SensorSettings(
@@ -254,13 +275,16 @@ def main() -> None:
     parser.add_argument("--vehicles", type=int, default=20)
     parser.add_argument("--waves", type=int, default=3)
     parser.add_argument("--speedup", type=float, default=1.0)
+    parser.add_argument("--command", action="store_true", help="fly with the `fly` command, in real time")
     parser.add_argument("--rate-hz", type=float, default=5.0, help="of the sensors")
     parser.add_argument("--processes", type=int, default=2, help="of copters")
     parser.add_argument("--fault", choices=("kill", "cut"), default="kill")
     parser.add_argument("--folder")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    arguments.strike_wave_of = max(1, (arguments.vehicles - 2) // arguments.waves // 2)
+    if arguments.command and arguments.speedup != 1.0:
+        parser.error("--command flies in real time: leave out --speedup")
+    arguments.strike_wave_of = max(1, (arguments.vehicles - 2) // (8 if arguments.command else 2 * arguments.waves))
     folder = Path(arguments.folder or tempfile.mkdtemp(prefix="bench-nodes-"))
     folder.mkdir(parents=True, exist_ok=True)
     with namespaces():

@@ -77,7 +77,7 @@ def playbook_of(vehicles: int, router: str) -> Playbook:
                 }
                 for number, name in enumerate(uavs, start=1)
             },
-            "planner": {"min_separation_m": 5.0, "start_sigma_m": 2.0},
+            "planner": {"min_separation_m": 5.0, "start_sigma_m": 2.0, "objective": "balanced"},
             "flight": {"altitude_m": 4.0, "speed_mps": 4.0, "give_up_s": 10.0},
             "bus": {"router": router, "insecure": True},
         }

@@ -8,6 +8,7 @@ import random
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 
@@ -20,7 +21,9 @@ from drivers.clock import SystemClock
 from drivers.errors import BusError
 from drivers.simulation.launcher import free_tcp_port
 from gcs.bearings import BearingFeed
+from gcs.refused_on_bus import RefusedOnBus
 from planner.frames import FormationFrame
+from tests.drivers.bus.test_refusals import SWARM, Closed
 
 KEYS = SwarmKeys("two")
 UAVS = ["U1", "U2"]
@@ -131,3 +134,39 @@ async def test_a_report_of_the_future_is_counted_and_moves_nobody(field: Field) 
     await field.until(lambda: field.received("U1") == before + 1)
     assert field.dropped("U1") == {"from_the_future": 1}
     assert field.feed.latest["U1"] is taken
+
+
+@pytest.mark.slow
+async def test_strangers_forgers_replays_and_the_future_are_refused_and_counted_before_the_operator(
+    tmp_path: Path,
+) -> None:
+    closed, said = Closed(tmp_path), list[str]()
+    keys, clock = SwarmKeys(SWARM), SystemClock()
+    feed = BearingFeed(UAVS, FormationFrame(0.0), clock, max_age_s=5.0)
+    refused = RefusedOnBus(clock, said.append)
+    async with contextlib.AsyncExitStack() as stack:
+        stack.enter_context(closed.routed())
+        service = await stack.enter_async_context(closed.joined(SERVICE))
+        uav = await stack.enter_async_context(closed.joined(uav_party("U1")))
+        feed.attach(service, keys)
+        refused.attach(service, SWARM)
+        heard = Field(feed, closed.endpoint, {"U1": uav})
+
+        def say(report: bytes, of: str = "U1") -> None:
+            uav.put_latest(keys.bearings(of), report, urgent=True)
+
+        await heard.until(lambda: heard.received("U1") > 0, lambda: say(a_report()))
+        replayed = a_report()
+        for report in (replayed, replayed, a_report(ahead_s=3600.0)):
+            say(report)
+        for _ in range(3):
+            say(a_report(), of="U2")
+        for _ in range(2):
+            with pytest.raises(BusError, match="cannot be opened"):
+                async with open_bus(BusEndpoint(closed.endpoint)):
+                    pass
+        await heard.until(lambda: refused.total.total >= 5 and sum(heard.dropped("U1").values()) >= 2)
+    assert heard.dropped("U1") == {"duplicate": 1, "from_the_future": 1}
+    assert heard.received("U2") == 0
+    assert refused.alert() == "5 refused on the bus: 2 strangers, 3 speaking for others (uav.U1 3)"
+    assert said

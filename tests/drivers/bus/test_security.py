@@ -15,6 +15,7 @@ import zenoh
 
 from drivers.bus.certificates import LONGEST_NAME, Authority, now
 from drivers.bus.keys import SwarmKeys
+from drivers.bus.refusals import refusals_key
 from drivers.bus.security import (
     OPERATOR,
     ROUTER,
@@ -232,6 +233,28 @@ async def test_the_operator_sees_the_run_and_says_no_bearings(closed: Closed) ->
     assert set(heard.samples) == {last}
 
 
+@pytest.mark.parametrize("listener", [SERVICE, OPERATOR, U1])
+async def test_a_router_alone_tells_what_was_refused_and_service_and_operator_alone_hear_it(listener: str) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        closed, heard = Closed(stack), Inbox()
+        router, listening = await closed.join(ROUTER), await closed.join(listener)
+        others = [await closed.join(party) for party in (SERVICE, OPERATOR, U1, U2) if party != listener]
+        listening.subscribe(refusals_key("eight"), heard.take)
+        listening.subscribe(KEYS.clock_ping("U1"), heard.take)
+        told, last = (refusals_key("eight", "a1"), b"told"), (KEYS.clock_ping("U1"), b"ping")
+        expected = {last} if listener == U1 else {told, last}
+
+        def all_say() -> None:
+            for bus in others:
+                bus.put_latest(refusals_key("eight", "b2"), b"forged")
+            for key, payload in (told, last):
+                router.put_latest(key, payload)
+
+        for sample in expected:
+            await heard.until_heard(all_say, sample)
+        assert set(heard.samples) == expected
+
+
 async def test_a_uav_answers_nobody_in_the_place_of_the_service(closed: Closed) -> None:
     operator, uav, service = await closed.join(OPERATOR), await closed.join(U1), await closed.join(SERVICE)
     uav.serve(KEYS.control, lambda _: b"all is well")
@@ -375,6 +398,21 @@ def test_a_file_of_keys_is_read(tmp_path: Path) -> None:
     assert with_keys(BusEndpoint("tls/10.0.0.1:7447"), file) == KeyedEndpoint("tls/10.0.0.1:7447", "client", made[U1])
 
 
+def test_the_router_s_file_says_of_which_swarm_it_is_and_who_has_rights(tmp_path: Path) -> None:
+    text = configurations("eight", ["U1"], "tls/10.0.0.1:7447", authority())[ROUTER]
+    endpoint = KeyedEndpoint("tls/10.0.0.1:7447", "router", text)
+    assert endpoint.swarm == "eight"
+    assert endpoint.parties == {SERVICE, OPERATOR, U1}
+    values = json.loads(text)
+    del values["metadata"]  # as files were before
+    file = tmp_path / "router.json5"
+    file.touch(mode=0o600)
+    file.write_text(json.dumps(values))
+    before = with_keys(BusEndpoint("tls/10.0.0.1:7447", "router"), file)
+    assert isinstance(before, KeyedEndpoint)
+    assert before.swarm is None
+
+
 @pytest.mark.parametrize(
     ("role", "endpoint", "mode", "text", "says"),
     [
@@ -382,6 +420,7 @@ def test_a_file_of_keys_is_read(tmp_path: Path) -> None:
         ("client", "tcp/10.0.0.1:7447", 0o600, "made", "write tls/HOST:PORT"),
         ("router", "tls/10.0.0.1:7447", 0o600, "made", "keys of a client, and those of a router"),
         ("router", "tls/10.0.0.1:7447", 0o600, "without rights", "says nobody's rights"),
+        ("router", "tls/10.0.0.1:7447", 0o600, "of no swarm", "holds no keys of a bus"),
         ("client", "tls/10.0.0.1:7447", 0o600, "{}", "holds no keys of a bus"),
         ("client", "tls/10.0.0.1:7447", 0o600, "[1]", "holds no keys of a bus"),
         ("client", "tls/10.0.0.1:7447", 0o600, "\udcff", "holds no keys of a bus"),
@@ -399,7 +438,11 @@ def test_a_file_that_cannot_be_used_is_said(
     tmp_path: Path, role: str, endpoint: str, mode: int, text: str | None, says: str
 ) -> None:
     made = configurations("eight", ["U1"], "tls/10.0.0.1:7447", authority())
-    texts = {"made": made[U1], "without rights": made[ROUTER].replace('"access_control"', '"nothing"')}
+    texts = {
+        "made": made[U1],
+        "without rights": made[ROUTER].replace('"access_control"', '"nothing"'),
+        "of no swarm": made[ROUTER].replace('"swarm": "eight"', '"swarm": "eight/**"'),
+    }
     file = tmp_path / "keys.json5"
     if text is not None:
         file.write_text(texts.get(text, text), errors="surrogateescape")

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 import os
 import stat
 from pathlib import Path
@@ -84,6 +85,18 @@ async def test_with_the_files_the_operator_asks_and_a_uav_does_not(tmp_path: Pat
             await uav.ask(control, b"hold")
 
 
+def test_a_site_gets_a_router_of_its_own_that_connects_to_the_other(tmp_path: Path) -> None:
+    result = run(tmp_path, "--router", "tls/10.0.0.1:7447", "--site", "south=tls/10.1.0.1:7448")
+    assert result.exit_code == 0, result.output
+    folder = tmp_path / "keys"
+    assert {path.name for path in folder.iterdir()} == FILES | {"router.south.json5"}
+    assert "router of site south" in result.output
+    written = json.loads((folder / "router.south.json5").read_text())
+    assert written["listen"]["endpoints"] == ["tls/10.1.0.1:7448"]
+    assert written["connect"]["endpoints"] == ["tls/10.0.0.1:7447"]
+    assert "connect" not in json.loads((folder / "router.json5").read_text())
+
+
 def test_keys_are_not_overwritten(tmp_path: Path) -> None:
     assert run(tmp_path, "--router", "tls/10.0.0.1:7447").exit_code == 0
     before = {path: path.read_bytes() for path in (tmp_path / "keys").iterdir()}
@@ -100,6 +113,10 @@ def test_keys_are_not_overwritten(tmp_path: Path) -> None:
         (["--router", "tcp/10.0.0.1:7447"], BusError, "write tls/HOST:PORT"),
         (["--router", "tls/10.0.0.1:7447", "--swarm", "a/b"], ServiceError, "no name of a swarm"),
         (["--router", "tls/10.0.0.1:7447", "--swarm", "*"], ServiceError, "no name of a swarm"),
+        (["--router", "tls/10.0.0.1:7447", "--site", "tls/10.1.0.1:7447"], ServiceError, "--site takes NAME=tls/HOST"),
+        (["--router", "tls/10.0.0.1:7447", "--site", "a/b=tls/10.1.0.1:7447"], ServiceError, "is no site"),
+        (["--router", "tls/10.0.0.1:7447", "--site", "south=tcp/10.1.0.1:7447"], BusError, "write tls/HOST:PORT"),
+        (["--router", "tls/10.0.0.1:7447", *["--site", "a=tls/10.1.0.1:7447"] * 2], ServiceError, "given twice"),
     ],
 )
 def test_what_cannot_be_used_is_said_and_nothing_is_written(

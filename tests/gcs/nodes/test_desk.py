@@ -12,7 +12,7 @@ from drivers.clock import SystemClock
 from gcs.commands.link_node import link_node
 from gcs.errors import ServiceError
 from gcs.links import open_links
-from gcs.nodes.desk import MOST_NODES, READY_TIMEOUT_S
+from gcs.nodes.desk import MOST_LIVES, MOST_NODES, READY_TIMEOUT_S
 from gcs.nodes.messages import Beat, Done, encode
 from gcs.nodes.tokens import FILE, Tokens
 from tests.gcs.nodes.relay_on_nodes import TICK_S, NodeWorld
@@ -34,6 +34,21 @@ async def test_what_is_no_message_and_what_comes_by_an_old_token_is_counted_and_
     for number in range(2 * MOST_NODES):
         desk.take_beat(NodeKeys("small", f"stranger-{number}").beat, encode(Beat(1, 1)))
     assert len(desk.ownership.nodes) == MOST_NODES
+    await world.end()
+
+
+async def test_what_nodes_refuse_is_counted_here_over_all_their_lives(tmp_path: Path) -> None:
+    world = NodeWorld(tmp_path)
+    await world.begin()
+    north, south = NodeKeys("small", "north").beat, NodeKeys("small", "south").beat
+    for life, stamp, count in ((7, 1, 1), (7, 2, 3), (8, 3, 2), (7, 4, 3)):
+        world.desk.take_beat(north, encode(Beat(life, stamp, {}, {"old token": count})))
+    world.desk.take_beat(south, encode(Beat(1, 10**18, {}, {"old token": 1, "it is no command": 4})))
+    world.desk.take_beat(south, b"no beat")
+    assert world.desk.refusals() == {"old token": 6, "it is no command": 4, "malformed": 1}
+    for life in range(2 * MOST_LIVES):
+        world.desk.take_beat(north, encode(Beat(100 + life, 1, {}, {"malformed": 1})))
+    assert world.desk.refusals()["malformed"] < MOST_LIVES
     await world.end()
 
 

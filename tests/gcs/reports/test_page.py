@@ -198,6 +198,13 @@ def test_times_out_of_this_world_do_no_harm(copied: Path) -> None:
     assert page.text.count("relay: late") == 4
 
 
+def test_what_the_bus_refused_is_a_complaint(copied: Path) -> None:
+    change(copied / "report.json", refused_on_bus={"strangers": 2, "speaking": {"uav.<b>": 1}})
+    page = Page(write_report(copied))
+    require_harmless(page)
+    assert "3 refused on the bus: 2 strangers, 1 speaking for others (uav.<b> 1)" in page.text
+
+
 def test_links_are_shown_when_they_were_noted(copied: Path) -> None:
     links = [{"vehicles": "U1", "address": "udpin:<b>", "lost_share": 0.125, "heard": [1, 2], "silent_for_s": None}]
     change(copied / "report.json", links=links)
