@@ -9,16 +9,19 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import zenoh
 
+from drivers.bus.certificates import Authority, now
 from drivers.bus.keys import uav_of
 from drivers.bus.messages import PositionReport, encode
+from drivers.bus.security import ROUTER, SERVICE, configurations, with_keys
 from drivers.bus.session import Bus, BusEndpoint, LiveBus, open_bus
 from drivers.clock import SystemClock
 from drivers.mavlink.autopilots import autopilot_of
@@ -70,14 +73,16 @@ class Station:
 
 
 @contextlib.asynccontextmanager
-async def open_station(endpoint: str, address: LinkAddress, count: int, limits: StreamLimits) -> AsyncIterator[Station]:
+async def open_station(
+    endpoint: str, address: LinkAddress, count: int, limits: StreamLimits, keys: Path | None = None
+) -> AsyncIterator[Station]:
     """Join the bus and speak to `count` vehicles behind one link; return when all of them have been heard."""
     clock = SystemClock()
     names = {f"U{number}": number for number in range(1, count + 1)}
     clocks = ClockOffsets(names, clock)
     feed = BearingFeed(names, FRAME, clock, SETTINGS.gap_s, clocks)
     async with (
-        open_bus(BusEndpoint(endpoint)) as bus,
+        open_bus(with_keys(BusEndpoint(endpoint), keys)) as bus,
         open_link(address, Codec(), clock) as link,
         open_background() as start,
     ):
@@ -122,7 +127,7 @@ async def until_terminated() -> None:
     await stopped.wait()
 
 
-def answer_from_zenoh(endpoint: str, port: int, *key_expressions: str) -> None:
+def answer_from_zenoh(endpoint: str, port: int, *key_expressions: str, keys: Path | None = None) -> None:
     """Answer every report on some keys straight from the zenoh callback, until told to end."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     answers = {f"U{number}": a_setpoint(number) for number in range(256)}
@@ -133,7 +138,7 @@ def answer_from_zenoh(endpoint: str, port: int, *key_expressions: str) -> None:
         sample.payload.to_bytes()
         sender.send(answers[uav_of(str(sample.key_expr)) or ""])
 
-    with zenoh.open(BusEndpoint(endpoint).configuration()) as session:
+    with zenoh.open(with_keys(BusEndpoint(endpoint), keys).configuration()) as session:
         for key_expression in key_expressions:
             session.declare_subscriber(key_expression, answer)
         sender.send(b"here")
@@ -167,16 +172,35 @@ def router() -> Iterator[tuple[str, int]]:
     """Run a bus router beside the block; yield its endpoint and its process id."""
     endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
     with process("-m", "drivers.bus.router", endpoint) as started:
-        until_s = time.monotonic() + _ROUTER_STARTS_S
-        while True:
-            try:
-                zenoh.open(BusEndpoint(endpoint).configuration()).close()
-                break
-            except zenoh.ZError:
-                if time.monotonic() > until_s:
-                    raise
-                time.sleep(0.1)
+        _wait_for(BusEndpoint(endpoint))
         yield endpoint, started.pid
+
+
+@contextlib.contextmanager
+def closed_router(uavs: Collection[str]) -> Iterator[tuple[str, int, Path]]:
+    """Run a router that is closed to strangers; yield besides the file of the service's keys."""
+    endpoint = f"tls/127.0.0.1:{free_tcp_port()}"
+    with tempfile.TemporaryDirectory() as folder:
+        made = configurations(KEYS.swarm, uavs, endpoint, Authority(KEYS.swarm, now(), valid_days=1))
+        files = {party: Path(folder) / f"{party}.json5" for party in (ROUTER, SERVICE)}
+        for party, file in files.items():
+            file.touch(mode=0o600)
+            file.write_text(made[party], encoding="utf-8")
+        with process("-m", "drivers.bus.router", endpoint, "--keys", str(files[ROUTER])) as started:
+            _wait_for(with_keys(BusEndpoint(endpoint), files[SERVICE]))
+            yield endpoint, started.pid, files[SERVICE]
+
+
+def _wait_for(endpoint: BusEndpoint) -> None:
+    until_s = time.monotonic() + _ROUTER_STARTS_S
+    while True:
+        try:
+            zenoh.open(endpoint.configuration()).close()
+            return
+        except zenoh.ZError:
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(0.1)
 
 
 def cpu_s(pid: int) -> float:

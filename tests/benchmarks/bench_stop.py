@@ -1,12 +1,13 @@
 """Stop latency: from the bearing report that ends a leg, put on the bus, to zero velocity on the wire.
 
-    python -m tests.benchmarks.bench_stop [--vehicles N] [--seconds S] [--rounds R] [--recorded] [--ahead]
+    python -m tests.benchmarks.bench_stop [--vehicles N] [--seconds S] [--rounds R] [--recorded] [--closed] [--ahead]
 
 A swarm reports bearings and positions 10 times a second through a bus router of its own process. One service process
 flies all of it to and fro, on short legs, with what flies a relay: feed, stop monitors, leg flights, leased streams,
 link, and with `--recorded` the recording too. It tells which report ended each leg; the zero velocity that follows is
 timed by the receiving kernel. Beside it, at the same time and with the same payloads, a tenth of the reports are
-answered by a bare zenoh subscriber behind the same router, and by a bare UDP socket.
+answered by a bare zenoh subscriber behind the same router, and by a bare UDP socket. With `--closed` the bus is closed
+to strangers, and its router counts whom it refuses.
 
 Prints every round, with the machine's load, and exits 1 unless every stop has come and the median over the rounds of
 the p99 is below 20 ms. On a machine that is busy with other work that work is what one sees: with `--ahead` all of this
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import os
 import select
 import socket
@@ -28,15 +30,18 @@ from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import zenoh
 
 from drivers.bus.messages import BearingReport, encode
+from drivers.bus.security import with_keys
 from drivers.bus.session import BusEndpoint
 from drivers.mavlink.setpoints import StreamLimits
 from tests.benchmarks.answering import (
     answer_from_udp,
     answer_from_zenoh,
+    closed_router,
     cpu_s,
     open_station,
     process,
@@ -64,10 +69,10 @@ _LONGEST_STOP_NS = 2_000_000_000
 # The service
 
 
-async def serve(endpoint: str, port: int, count: int, *, recorded: bool) -> None:
+async def serve(endpoint: str, port: int, count: int, *, recorded: bool, keys: Path | None) -> None:
     """Fly every vehicle to and fro until told to end; tell the probe of every leg that has ended."""
     async with (
-        open_station(endpoint, to_port(port), count, StreamLimits()) as station,
+        open_station(endpoint, to_port(port), count, StreamLimits(), keys) as station,
         recording_of(station, recorded=recorded) as trace,
     ):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as telling:
@@ -161,10 +166,10 @@ class Round:
     load: float
 
 
-def measure(endpoint: str, router_pid: int, options: argparse.Namespace) -> Round:
+def measure(endpoint: str, router_pid: int, keys: Path | None, options: argparse.Namespace) -> Round:
     """Fly one round."""
     with (
-        zenoh.open(BusEndpoint(endpoint).configuration()) as session,
+        zenoh.open(with_keys(BusEndpoint(endpoint), keys).configuration()) as session,
         timed_socket() as port_in,
         timed_socket() as zenoh_in,
         timed_socket() as udp_in,
@@ -187,11 +192,11 @@ def measure(endpoint: str, router_pid: int, options: argparse.Namespace) -> Roun
 
         this, ports = ("-m", "tests.benchmarks.bench_stop"), [port_in, zenoh_in, udp_in]
         to, to_zenoh, to_udp = (str(opened.getsockname()[1]) for opened in ports)
-        recorded = ["--recorded"] if options.recorded else []
+        flags = (["--recorded"] if options.recorded else []) + (["--keys", str(keys)] if keys else [])
         with (
             process(*this, "--role", "udp", to_udp),
-            process(*this, "--role", "zenoh", to_zenoh, endpoint, *map(KEYS.bearings, (f"U{n}" for n in also))),
-            process(*this, "--role", "service", to, endpoint, str(options.vehicles), *recorded) as service,
+            process(*this, *flags, "--role", "zenoh", to_zenoh, endpoint, *map(KEYS.bearings, (f"U{n}" for n in also))),
+            process(*this, *flags, "--role", "service", to, endpoint, str(options.vehicles)) as service,
         ):
             bare_udp.meet()
             bare_zenoh.meet()
@@ -231,13 +236,19 @@ def row(name: str, latencies_ms: list[float], unseen: int, floor_ms: float | Non
 def main(options: argparse.Namespace) -> int:
     if options.ahead:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))  # what it starts inherits this
-    asked = f"recorded {options.recorded}, ahead {options.ahead}"
+    asked = f"recorded {options.recorded}, closed {options.closed}, ahead {options.ahead}"
     print(f"{options.vehicles} vehicles, {options.seconds:g} s a round, {asked}")
     print(f"{'':16}{'count':>7}{'unseen':>9}{'p50 ms':>9}{'p95 ms':>9}{'p99 ms':>9}{'max ms':>9}{'x zenoh':>9}")
     p99s_ms, unseen = [], 0
-    with router() as (endpoint, router_pid):
+    with contextlib.ExitStack() as stack:
+        if options.closed:
+            endpoint, router_pid, keys = stack.enter_context(
+                closed_router([f"U{n}" for n in range(1, options.vehicles + 1)])
+            )
+        else:
+            (endpoint, router_pid), keys = stack.enter_context(router()), None
         for number in range(1, options.rounds + 1):
-            flown = measure(endpoint, router_pid, options)
+            flown = measure(endpoint, router_pid, keys, options)
             floor_ms = percentile(flown.zenoh.latencies_ms, 99)
             print(
                 f"round {number}: load {flown.load:.1f} on {os.cpu_count()} processors, "
@@ -255,14 +266,14 @@ def main(options: argparse.Namespace) -> int:
     return 0 if met else 1
 
 
-def play(role: str, port: int, *arguments: str, recorded: bool) -> None:
+def play(role: str, port: int, *arguments: str, recorded: bool, keys: Path | None) -> None:
     """Be one of those that answer."""
     if role == "udp":
         answer_from_udp(port)
     elif role == "zenoh":
-        answer_from_zenoh(arguments[0], port, *arguments[1:])
+        answer_from_zenoh(arguments[0], port, *arguments[1:], keys=keys)
     else:
-        asyncio.run(serve(arguments[0], port, int(arguments[1]), recorded=recorded))
+        asyncio.run(serve(arguments[0], port, int(arguments[1]), recorded=recorded, keys=keys))
 
 
 if __name__ == "__main__":
@@ -271,11 +282,13 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--recorded", action="store_true", help="record the flight as a run does")
+    parser.add_argument("--closed", action="store_true", help="a bus that is closed to strangers")
     parser.add_argument("--ahead", action="store_true", help="go ahead of everything else on this machine")
+    parser.add_argument("--keys", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--role", help=argparse.SUPPRESS)
     parser.add_argument("arguments", nargs="*", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.role:
-        play(given.role, int(given.arguments[0]), *given.arguments[1:], recorded=given.recorded)
+        play(given.role, int(given.arguments[0]), *given.arguments[1:], recorded=given.recorded, keys=given.keys)
     else:
         sys.exit(main(given))

@@ -37,7 +37,7 @@ SWARM = "eight"
 KEYS = SwarmKeys(SWARM)
 U1, NORTH = uav_party("U1"), node_party("north")
 PATIENCE_S = 20.0
-SESSION = "2da1634e2e779b9901827cf250c01b0"
+SESSION = "2da" * 10
 OF_U2 = "bearing-relay/eight/uav/U2/bearings"
 
 
