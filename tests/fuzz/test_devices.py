@@ -21,16 +21,10 @@ from drivers.mavlink.signing_key import SigningKey
 from drivers.mavlink.transport import LinkAddress
 from tests.fakes import FAKE_UNIX_NS, ManualClock
 from tests.fuzz.hostile import as_json, damaged, ends_well, examples, mutated, values
+from tests.fuzz.readers import KRAKEN_LINES, KRAKEN_SETTINGS
 
-KRAKEN = {
-    "url": "http://127.0.0.1:8081/DOA_value.html",
-    "transmitters_mhz": {"L0": 433.92, "L1": 434.5},
-    "direction": "clockwise",
-    "zero_deg": 0,
-    "heading": "none",
-    "sigma": [{"confidence_db": 2, "sigma_deg": 6}, {"confidence_db": 5, "sigma_deg": 3}],
-}
-LINES = (Path("tests/drivers/aoa/golden/kraken_compass.csv")).read_bytes()
+KRAKEN = dict(KRAKEN_SETTINGS)
+LINES = KRAKEN_LINES.read_bytes()
 CAPTURED_MS = int(LINES.split(b",")[0])
 ENDPOINT = "tls/127.0.0.1:1"
 KEYS = json.loads(configurations("two", ["U1"], ENDPOINT, Authority("two", now(), 2))[SERVICE])
