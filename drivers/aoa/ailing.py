@@ -17,7 +17,7 @@ _TURNED: Final = frozenset({"sensor_bias", "sensor_jump"})
 
 
 class AilingSensor(SimulatedSensor):
-    """A simulated sensor, and what ails it now. Ailments of one kind add up."""
+    """A simulated sensor, and what ails it now. Ailments of one kind add up; two that are equal are one."""
 
     def __init__(self, model: SensorModel, noise: random.Random) -> None:
         super().__init__(model, noise)
