@@ -34,7 +34,6 @@ class Screen:
 def screen(monkeypatch: pytest.MonkeyPatch) -> Screen:
     made = Screen()
     monkeypatch.setattr(app, "show", made.show)
-    monkeypatch.setattr("gcs.commands.monitor.give_way", lambda: None)
     monkeypatch.delenv(COMMAND_VARIABLE, raising=False)
     return made
 

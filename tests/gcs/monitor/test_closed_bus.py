@@ -74,8 +74,6 @@ def test_both_commands_join_with_them(tmp_path: Path, closed: str, monkeypatch: 
 
     monkeypatch.setattr(app, "show", show)
     monkeypatch.setattr(server, "serve", serve)
-    for command in (monitor, dashboard):
-        monkeypatch.setattr(command, "give_way", lambda: None)
     monitor.monitor(connect=closed, keys=tmp_path / "operator")
     dashboard.dashboard(connect=closed, keys=tmp_path / "operator")
     assert len(joins) == 2
