@@ -106,7 +106,11 @@ class Browser:
     async def until(self, name, words, within_s=10.0):
         """Wait until a part of the page says these words."""
         found = self.page.locator(f"[data-test={name}]", has_text=words)
-        await found.wait_for(timeout=1000.0 * within_s)
+        try:
+            await found.wait_for(timeout=1000.0 * within_s)
+        except PlaywrightError:
+            page = await self.page.inner_text("body")
+            pytest.fail(f"{name} does not say {words!r} within {within_s:g} s; the page says:\n{page}")
 
     async def states(self):
         """Return the state that the table shows of every receiver."""
@@ -145,14 +149,17 @@ class Browser:
         return await page.inner_text("body")
 
     async def keep_pressed(self, verb, for_s):
-        """Keep a button of the commands pressed with the mouse."""
+        """Keep a button of the commands pressed with the mouse; where the page moved and it was missed, once more."""
         button = self.page.locator(f".command-panel [data-verb={verb}]")
-        await button.scroll_into_view_if_needed()
-        box = await button.bounding_box()
-        await self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        await self.page.mouse.down()
-        await asyncio.sleep(for_s)
-        await self.page.mouse.up()
+        for _ in range(5):
+            await button.hover()
+            await button.evaluate("b => { b.hit = false; b.onpointerdown = () => { b.hit = true; }; }")
+            await self.page.mouse.down()
+            await asyncio.sleep(for_s)
+            await self.page.mouse.up()
+            if await button.evaluate("b => b.hit"):
+                return
+        pytest.fail(f"the button {verb} was missed five times")
 
 
 @contextlib.asynccontextmanager
