@@ -11,8 +11,8 @@ OVER_S: Final = 6.0
 _FOLLOWED_SHARE: Final = 0.5
 """...and one that came less than this share of its way has not."""
 _CREEP_MPS: Final = 0.6
-"""Who falls short by less than this for all the time follows: PX4's own velocity is wrong by up to 0.5 m/s for so long,
-so that told 0.4 m/s it stands, or drifts the other way."""
+"""Who falls short by less than this for all the time follows: PX4's own velocity can be wrong by up to 0.5 m/s for so
+long, as that of a simulated one whose estimator took its gyroscope for better than it was: told 0.4 m/s, it stood."""
 _LEAST_M: Final = 1.0
 """A way shorter than this has no direction to speak of."""
 _SURE_SIGMAS: Final = 5.0

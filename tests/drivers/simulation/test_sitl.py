@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import SimulationError
+from drivers.mavlink.autopilots.ardupilot import ArduCopter
+from drivers.mavlink.autopilots.px4 import Px4Copter
 from drivers.simulation.launcher import process_group
 from drivers.simulation.sitl import SITLS, SitlVehicle, parameters
 from drivers.simulation.weather import SimulatedWeather
@@ -123,6 +125,17 @@ def test_every_parameter_is_a_name_and_a_value_with_its_reason(path):
     for line in lines:
         assert re.fullmatch(r"[A-Z][A-Z0-9_]{1,15} +-?[\d.]+ +# \S.*", line), line
     assert len(parameters(path.read_text())) == len(lines), "a parameter is set twice"
+
+
+@pytest.mark.parametrize(
+    ("name", "autopilot"), [("arducopter_swarm.parm", ArduCopter()), ("px4_swarm.params", Px4Copter())]
+)
+def test_an_aircraft_is_told_to_set_what_is_checked_before_a_flight_and_nothing_of_the_simulator(name, autopilot):
+    aircraft, simulator = (CONFIGS / name).read_text().split("# Of the simulator alone")
+    set_on_both, set_in_the_simulator = set(parameters(aircraft)), set(parameters(simulator))
+    assert len(set_on_both & set(autopilot.parameters.reads)) >= 4
+    assert not set_in_the_simulator & set(autopilot.parameters.reads)
+    assert not [name for name in set_on_both if name.startswith(("SIH_", "SIM_", "INS_", "EKF2_", "BATT_"))]
 
 
 def test_both_autopilots_stop_by_themselves_a_second_after_the_last_setpoint():
