@@ -139,8 +139,8 @@ class RelayExecutor:
 
     async def _go_on(self) -> None:
         """Let fly who is due, or else wait for the operator, or end."""
-        self._changed.clear()
         self.look()
+        self._changed.clear()
         departure = None
         if self.held is None and (unverified := self._next_unverified()) is not None:
             await self._verify(unverified)

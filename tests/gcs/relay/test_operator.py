@@ -257,6 +257,30 @@ async def test_put_beside_another_by_its_pilot_it_is_not_flown_at_all() -> None:
     stood_within(world, "U1")
 
 
+async def test_one_that_is_found_with_its_pilot_when_its_node_is_replaced_is_waited_for_and_said_once() -> None:
+    world = World(sigma_deg=0.1, attended=True)
+
+    def replaced() -> None:
+        assert world.executor.waiting
+        world.vehicles["U1"].take_over()
+        world.executor.regain_reach(["U1"])
+
+    def said_once() -> None:
+        assert world.executor.waiting
+        assert len([said for said in world.said if "waiting for" in said and "release U1" in said]) == 1
+        done(world, "abort")
+
+    script = in_turn(
+        (
+            reached(world, "U1", S.LEG_1, for_s=2.0),
+            lambda: world.executor.lose_reach("north", ["U1"], "killed for a test"),
+        ),
+        (reached(world, "U1", S.HELD, for_s=2.0), replaced),
+        (reached(world, "U1", S.PILOT, for_s=2.0), said_once),
+    )
+    await world.run(meanwhile=script)
+
+
 async def test_a_silent_sensor_holds_the_relay_and_the_operator_resumes_it_repaired() -> None:
     world = World(sigma_deg=0.1, attended=True)
 
