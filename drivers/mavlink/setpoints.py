@@ -83,7 +83,9 @@ class SetpointStreamer:
         self._lost_s = float("-inf")
         self._offered_until_s = float("-inf")
         vehicle.on_heartbeat.append(self._watch_mode)
-        self.release()
+        heartbeat = vehicle.telemetry.heartbeat
+        if heartbeat is not None and heartbeat.armed and autopilot.is_guided(heartbeat):
+            self._rest()
 
     def renew(self, velocity_north_east_mps: complex) -> None:
         """Fly this velocity (north + i east, m/s) from now until the lease ends, unless renewed before.

@@ -23,10 +23,10 @@ LIMITS = StreamLimits(rate_hz=10.0, lease_s=0.5, largest_speed_mps=5.0)
 class Stream:
     """A streamer that runs, for a PX4 in OFFBOARD at its altitude, whose telemetry flows as the test lets time pass."""
 
-    def __init__(self, rig):
+    def __init__(self, rig, mode=OFFBOARD):
         self.rig, self.clock, self.wire = rig, rig.clock, rig.wire
         self.vehicle = rig.vehicle()
-        self.mode, self.speed_mps, self.north = OFFBOARD, 0.0, 0
+        self.mode, self.speed_mps, self.north = mode, 0.0, 0
         self.armed = True
         self.speak()
         self.streamer = SetpointStreamer(self.vehicle, Px4Copter(), ALTITUDE_M, LIMITS, self.clock)
@@ -223,6 +223,16 @@ async def test_released_in_another_mode_its_place_is_streamed_until_the_operator
     assert stream.sent[-1].message.lat_int == 474_005_000
     await stream.live(1.0, 3 + 0j)
     assert stream.streamer.state is StreamState.LEASED
+
+
+async def test_made_for_one_that_holds_by_itself_nothing_is_streamed_before_the_operators_release(rig):
+    """It would enter OFFBOARD by itself: it is there that its stream was lost, by a service or a node that has died."""
+    async with Stream(rig, LOITER).running() as stream:
+        await stream.live(2.0, 3 + 0j)
+        stream.mode = OFFBOARD
+        await stream.live(2.0, 3 + 0j)
+        assert stream.sent == []
+        assert stream.streamer.state is StreamState.PILOT
 
 
 async def test_an_offer_ends_and_then_offboard_alone_gives_nothing_back(stream):

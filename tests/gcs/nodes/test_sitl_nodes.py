@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import SimulationError
-from drivers.mavlink.autopilots.ardupilot import MODE_GUIDED, MODE_LAND
+from drivers.mavlink.autopilots import ardupilot, px4
 from drivers.mavlink.codec import Codec
 from drivers.simulation.sitl import SITLS, Sitl
 from tests.gcs.field import Field, Wire, open_field
@@ -138,9 +138,15 @@ async def test_a_node_signs_with_the_key_that_the_playbook_names_and_it_alone_ha
         assert wire.signed[True][False] == wire.signed[False][False] == 0
 
 
-@pytest.mark.sitl_ardupilot
-async def test_a_killed_node_s_copter_stops_lands_by_its_failsafe_and_is_flown_on_by_another_with_consent(
-    tmp_path: Path,
+@pytest.mark.parametrize(
+    ("autopilot", "guided", "asked"),
+    [
+        pytest.param("ardupilot", ardupilot.MODE_GUIDED, (1, 4), marks=pytest.mark.sitl_ardupilot),
+        pytest.param("px4", px4.MODE_OFFBOARD, (1, 6), marks=pytest.mark.sitl_px4),
+    ],
+)
+async def test_a_killed_node_s_vehicle_stops_leaves_its_mode_by_itself_and_is_flown_on_by_another_with_consent(
+    autopilot: str, guided: int, asked: tuple[int, ...], tmp_path: Path
 ) -> None:
     north, south = Node(tmp_path, {}, "north", only="U1"), Node(tmp_path, {}, "south", only=r"L\d")
     async with contextlib.AsyncExitStack() as stack:
@@ -152,7 +158,7 @@ async def test_a_killed_node_s_copter_stops_lands_by_its_failsafe_and_is_flown_o
         def on_both(playbook: str) -> str:
             return south.take_over(north.take_over(playbook)).replace("altitude_m: 4", "altitude_m: 8")
 
-        flying = open_field(tmp_path, require("ardupilot"), ("--attended",), on_both, before=before)
+        flying = open_field(tmp_path, require(autopilot), ("--attended",), on_both, before=before)
         field = await stack.enter_async_context(flying)
         wire = field.wire
         await field.until_moving()
@@ -161,14 +167,20 @@ async def test_a_killed_node_s_copter_stops_lands_by_its_failsafe_and_is_flown_o
         killed_s = time.monotonic()
         await field.until(lambda: wire.kinematics[-1][2] < 0.3, 10.0)
         print(f"stopped {wire.kinematics[-1][0] - killed_s:.2f} s after its node was killed")
-        await field.until(lambda: wire.modes[-1][1] == MODE_LAND, 10.0)  # it has not heard of a station for 5 s
+        await field.until(
+            lambda: wire.modes[-1][1] != guided, 10.0
+        )  # it lands without a station, or holds without a stream
         assert max(wire.setpoints) < killed_s + 0.2  # nobody speaks for it before the operator does
         await until_ok(field, "takeover", "north")
         await field.until(lambda: "U1 PILOT" in field.said(), 10.0)
-        assert max(wire.setpoints) < killed_s + 0.2  # nor who has it now: it lands
-        wire.command(1, MODE_GUIDED)
-        await field.until(lambda: wire.modes[-1][1] == MODE_GUIDED, 5.0)
-        assert "its node was asked" in (await field.say("release", "U1")).message
+        assert max(wire.setpoints) < killed_s + 0.2  # nor who has it now: it has left its guided mode
+        assert (
+            "its node was asked" in (await field.say("release", "U1")).message
+        )  # a PX4 enters OFFBOARD on a stream only
+        await asyncio.sleep(1.0)
+        wire.command(*asked)
+        await field.until(lambda: wire.modes[-1][1] == guided, 5.0)
+        await field.say("release", "U1")
         await field.until(lambda: "U1 HELD: released" in field.said(), 5.0)
         await until_ok(field, "resume")
         status = await field.ended(200.0)
