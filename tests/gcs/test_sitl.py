@@ -54,6 +54,8 @@ class Real:
     lands: int
     misses_station_s: float
     """After its station's last heartbeat: its parameter file's FS_GCS_TIMEOUT; COM_DL_LOSS_T and 5 s to think."""
+    leaves_guided: bool
+    """Whether it leaves its guided mode a second after the stream has ended."""
 
     @property
     def sitl(self) -> Sitl:
@@ -61,8 +63,10 @@ class Real:
         return SITLS[self.name]
 
 
-ARDUPILOT = Real("ardupilot", 4, 17, (1, 17), MODE_LAND_ARDUPILOT, 5.0)  # BRAKE
-PX4 = Real("px4", 0x0006_0000, 0x0304_0000, (1, 4, 3), MODE_LAND_PX4, 16.5)  # LOITER: also the service's own hold
+ARDUPILOT = Real("ardupilot", 4, 17, (1, 17), MODE_LAND_ARDUPILOT, 5.0, leaves_guided=False)  # BRAKE
+PX4 = Real(
+    "px4", 0x0006_0000, 0x0304_0000, (1, 4, 3), MODE_LAND_PX4, 16.5, leaves_guided=True
+)  # LOITER: also the service's own hold
 ardupilot = pytest.param(ARDUPILOT, marks=pytest.mark.sitl_ardupilot, id="ardupilot")
 px4 = pytest.param(PX4, marks=pytest.mark.sitl_px4, id="px4")
 on_ardupilot = pytest.mark.parametrize("real", [ardupilot], indirect=True)
