@@ -99,7 +99,7 @@ class KrakenReader:
 
     settings: KrakenSettings
     counts: Counter[str] = field(default_factory=Counter)
-    _last_ms: int = 0
+    _seen_ms: frozenset[int] = frozenset()
     _sequence: int = 0
     _measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
     _repeats: Counter[str] = field(default_factory=Counter)
@@ -107,16 +107,18 @@ class KrakenReader:
     def reports(self, text: str, now_ms: int) -> list[BearingReport]:
         """Return the reports of the frames in a text, oldest first; a frame seen before gives none."""
         frames: dict[int, list[KrakenLine]] = {}
+        shown_ms: set[int] = set()
         for line in filter(str.strip, text.splitlines()):
             try:
                 read = read_line(line)
             except MalformedLineError:
                 self.counts["malformed"] += 1
                 continue
-            if read.time_ms != self._last_ms:
+            shown_ms.add(read.time_ms)
+            if read.time_ms not in self._seen_ms:
                 frames.setdefault(read.time_ms, []).append(read)
-        if frames:
-            self._last_ms = max(frames)
+        if shown_ms:
+            self._seen_ms = frozenset(shown_ms)
         made = (self._report(time_ms, frames[time_ms], now_ms) for time_ms in sorted(frames))
         return [report for report in made if report is not None]
 
@@ -144,11 +146,13 @@ class KrakenReader:
     def _bearings(self, lines: Iterable[KrakenLine]) -> dict[str, Bearing]:
         """Return the usable bearings of one frame by transmitter; of two channels on one, the more confident."""
         bearings: dict[str, Bearing] = {}
+        channels: Counter[str] = Counter()
         for line in sorted(lines, key=lambda line: line.confidence_db):
             name = self._transmitter(line.frequency_hz)
+            channels[name or ""] += 1
             if name is None:
                 self.counts["unknown_frequency"] += 1
-            elif self._frozen(name, line):
+            elif self._frozen(f"{name}/{channels[name]}", line):
                 self.counts["frozen"] += 1
             elif (sigma_rad := self._sigma_rad(line.confidence_db)) is None:
                 self.counts["weak"] += 1
@@ -166,10 +170,10 @@ class KrakenReader:
                 return name
         return None
 
-    def _frozen(self, name: str, line: KrakenLine) -> bool:
-        self._repeats[name] = self._repeats[name] + 1 if self._measured.get(name) == line.measured else 0
-        self._measured[name] = line.measured
-        return self._repeats[name] >= FROZEN_AFTER - 1
+    def _frozen(self, channel: str, line: KrakenLine) -> bool:
+        self._repeats[channel] = self._repeats[channel] + 1 if self._measured.get(channel) == line.measured else 0
+        self._measured[channel] = line.measured
+        return self._repeats[channel] >= FROZEN_AFTER - 1
 
     def _sigma_rad(self, confidence_db: float) -> float | None:
         reached = [row.sigma_deg for row in self.settings.sigma if confidence_db >= row.confidence_db]

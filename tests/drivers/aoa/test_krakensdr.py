@@ -31,6 +31,7 @@ COMPASS = (GOLDEN / "kraken_compass.csv").read_text()
 UNIT_CIRCLE = (GOLDEN / "kraken_unit_circle.csv").read_text()
 TIME_MS = 1_790_000_000_437
 NOW_MS = TIME_MS + 100
+PATIENCE_S = 20.0
 CHANNELS = {"L0": 433.92, "L1": 434.2}
 SETTINGS = KrakenSettings(transmitters_mhz=CHANNELS, direction="clockwise", zero_deg=0.0, heading="none")
 
@@ -84,7 +85,7 @@ def test_the_golden_files_have_the_documented_fields():
 
 def test_the_wrong_convention_is_not_the_right_one():
     (report,), _ = read(UNIT_CIRCLE, direction="clockwise", zero_deg=0.0)
-    assert azimuths_deg(report)["L1"] != pytest.approx(240.0, abs=20.0)
+    assert azimuths_deg(report) == pytest.approx({"L0": 45.0, "L1": 210.0})
 
 
 @pytest.mark.parametrize(
@@ -94,6 +95,8 @@ def test_the_wrong_convention_is_not_the_right_one():
         ({"heading": "compass"}, 45.0 + 38.25),
         ({"heading": "compass", "declination_deg": 11.5}, 45.0 + 38.25 + 11.5),
         ({"heading": "main"}, 45.0 + 38.25),
+        ({"heading": "main", "declination_deg": 11.5}, 45.0 + 38.25 + 11.5),
+        ({"heading": "gps", "declination_deg": 11.5}, 45.0 + 40.5),
         ({"heading": "fixed", "fixed_heading_deg": -100.0}, 45.0 - 100.0 + 360.0),
         ({"heading": "gps", "zero_deg": -90.0}, 45.0 + 40.5 - 90.0 + 360.0),
     ],
@@ -105,12 +108,30 @@ def test_a_heading_makes_true_bearings(changes, l0_deg):
 
 
 def test_the_main_heading_is_the_one_that_the_line_names():
-    (report,), _ = read(line(f13="GPS"), heading="main")
+    (report,), _ = read(line(f13="GPS"), heading="main", declination_deg=11.5)
+    assert azimuths_deg(report)["L0"] == pytest.approx(45.0 + 40.5)
+
+
+def test_relative_to_the_nose_no_heading_counts():
+    (report,), _ = read(COMPASS, heading="none", fixed_heading_deg=90.0, declination_deg=11.5)
+    assert report.reference == "body"
+    assert azimuths_deg(report)["L0"] == pytest.approx(45.0)
+
+
+@pytest.mark.parametrize("fields", [{"f9": "0.0"}, {"f10": "0.0"}])
+def test_on_the_equator_or_at_greenwich_a_heading_counts_too(fields):
+    (report,), _ = read(line(**fields), heading="gps")
     assert azimuths_deg(report)["L0"] == pytest.approx(45.0 + 40.5)
 
 
 @pytest.mark.parametrize(
-    "fields", [{"f11": "None", "f12": ""}, {"f9": "0.0", "f10": "0.0"}, {"f11": "nan", "f12": "inf"}]
+    "fields",
+    [
+        {"f11": "None", "f12": ""},
+        {"f9": "0.0", "f10": "0.0"},
+        {"f11": "nan", "f12": "inf"},
+        {"f11": "361", "f12": "-361"},
+    ],
 )
 @pytest.mark.parametrize("heading", ["gps", "compass", "main"])
 def test_without_the_heading_it_needs_a_line_gives_no_bearing(fields, heading):
@@ -152,9 +173,19 @@ def test_the_capture_is_the_middle_of_the_frame_and_as_uncertain_as_half_of_it()
     assert report.captured_uncertainty_ns == 250_000_000
 
 
+@pytest.mark.parametrize("latencies_ms", [(500, 100), (100, 500)])
+def test_a_frame_took_as_long_as_its_slowest_channel(latencies_ms):
+    (report,), _ = read("\n".join(line(number, f7=took_ms) for number, took_ms in enumerate(latencies_ms)))
+    assert report.captured_ns == (TIME_MS - 250) * 1_000_000
+    assert report.captured_uncertainty_ns == 250_000_000
+
+
 def test_whole_degrees_are_admitted_and_finer_ones_too():
     assert read(line(f2="360"))[0][0].resolution_rad == pytest.approx(math.radians(1.0))
     assert read(line(f2="211.375"))[0][0].resolution_rad == 0.0
+    for directions_deg in (("211.375", "240"), ("211", "240.5")):
+        (report,), _ = read("\n".join(line(number, f2=deg) for number, deg in enumerate(directions_deg)))
+        assert report.resolution_rad == 0.0
 
 
 @pytest.mark.parametrize(
@@ -167,6 +198,12 @@ def test_a_frame_is_fresh_by_the_clock_of_this_computer(age_ms, problem):
     assert dict(reader.counts) == ({problem: 2} if problem else {})
 
 
+def test_a_frame_from_the_future_does_not_hide_those_of_now():
+    reader = KrakenReader(SETTINGS)
+    assert reader.reports(line(f1=NOW_MS + 3600_000), NOW_MS) == []
+    assert len(reader.reports(COMPASS, NOW_MS)) == 1
+
+
 def test_a_frame_gives_one_report_however_often_it_is_polled():
     reader = KrakenReader(SETTINGS)
     assert len(reader.reports(COMPASS, NOW_MS)) == 1
@@ -175,14 +212,24 @@ def test_a_frame_gives_one_report_however_often_it_is_polled():
     reports = reader.reports(later, NOW_MS + 500)
     assert [report.captured_ns // 1_000_000 for report in reports] == [TIME_MS + 437 - 219, TIME_MS + 500 - 219]
     assert [report.sequence for report in reports] == [2, 3]
+    assert reader.reports(later, NOW_MS + 600) == []
 
 
 def test_a_radio_that_repeats_its_measurement_to_the_last_digit_is_frozen():
     reader = KrakenReader(SETTINGS)
+    assert len(reader.reports(line(f1=TIME_MS - 1, f18="0.5"), NOW_MS)) == 1
     made = [len(reader.reports(line(f1=TIME_MS + k), NOW_MS)) for k in range(6)]
     assert made == [1] * (FROZEN_AFTER - 1) + [0] * (6 - FROZEN_AFTER + 1)
     assert reader.counts["frozen"] == 6 - FROZEN_AFTER + 1
     assert len(reader.reports(line(f1=TIME_MS + 9, f18="0.37"), NOW_MS)) == 1
+
+
+def test_a_radio_with_two_channels_on_one_transmitter_is_found_frozen_too():
+    reader = KrakenReader(SETTINGS)
+    texts = ["\n".join((line(f1=TIME_MS + k), line(f1=TIME_MS + k, f3=8.0))) for k in range(6)]
+    assert [len(reader.reports(text, NOW_MS)) for text in texts] == [1] * (FROZEN_AFTER - 1) + [0] * (
+        6 - FROZEN_AFTER + 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -251,7 +298,7 @@ def test_a_file_read_while_it_is_written_gives_no_invented_bearing(cut, join):
         ({"colour": 1}, "colour"),
         ({"url": "ftp://x/"}, "http://HOST:PORT/PATH"),
         ({"url": "http://x:99999/"}, "ort"),
-        ({"transmitters_mhz": {"L0": 433.92, "L1": 433.93}}, "tolerance_khz"),
+        ({"transmitters_mhz": {"L0": 433.92, "L1": 433.944}}, "tolerance_khz"),
         ({"sigma": [{"confidence_db": 5, "sigma_deg": 3}, {"confidence_db": 2, "sigma_deg": 6}]}, "rising"),
     ],
 )
@@ -261,6 +308,12 @@ def test_settings_that_cannot_be_meant_are_refused_with_their_name(values, says)
     with pytest.raises(SensorError) as caught:
         read_settings("krakensdr", (good if values else {}) | values)
     assert says in str(caught.value)
+
+
+def test_channels_may_stand_in_any_order_as_long_as_their_tolerances_do_not_meet():
+    channels = {"L0": 433.946, "L1": 433.92}
+    values = {"transmitters_mhz": channels, "direction": "clockwise", "zero_deg": 0, "heading": "none"}
+    assert read_settings("krakensdr", values) == with_settings(transmitters_mhz=channels)
 
 
 class Server:
@@ -313,10 +366,16 @@ async def server():
 
 async def test_a_text_is_fetched_as_it_is_served(server):
     server.answer = ok(COMPASS)
-    assert await fetch_text(HttpAddress.parse(server.url), 2.0, 1_000_000) == COMPASS
+    address = HttpAddress.parse(server.url)
+    assert await fetch_text(address, PATIENCE_S, 1_000_000) == COMPASS
     assert server.requests[0].startswith(b"GET /DOA_value.html HTTP/1.0\r\nHost: 127.0.0.1:")
-    server.answer = b"HTTP/1.0 200 OK\r\n\r\nuntil the end"
-    assert await fetch_text(HttpAddress.parse(server.url), 2.0, 1_000_000) == "until the end"
+    for answer, text in (
+        (b"HTTP/1.0 200 OK\r\n\r\nuntil the end", "until the end"),
+        (b"HTTP/1.0 200 OK\r\nContent-Length: 4\r\n\r\nfour and more", "four"),
+        (b"HTTP/1.0 200 OK\r\n\r\n4\xff", "4\ufffd"),
+    ):
+        server.answer = answer
+        assert await fetch_text(address, PATIENCE_S, 1_000_000) == text
 
 
 @pytest.mark.parametrize(
@@ -335,7 +394,7 @@ async def test_a_text_is_fetched_as_it_is_served(server):
 async def test_what_is_no_answer_is_an_error_that_names_the_address(server, answer, says):
     server.answer = answer
     with pytest.raises(SensorError) as caught:
-        await fetch_text(HttpAddress.parse(server.url), 0.2 if answer is None else 10.0, 1000)
+        await fetch_text(HttpAddress.parse(server.url), 0.2 if answer is None else PATIENCE_S, 1000)
     assert says in str(caught.value)
     assert server.url in str(caught.value)
 
@@ -345,7 +404,7 @@ async def test_where_nobody_listens_is_an_error():
     await server.listen(0)
     await server.close()
     with pytest.raises(SensorError, match="cannot be read"):
-        await fetch_text(HttpAddress.parse(server.url), 1.0, 1000)
+        await fetch_text(HttpAddress.parse(server.url), PATIENCE_S, 1000)
 
 
 class PollClock(ManualClock):
@@ -362,7 +421,7 @@ class PollClock(ManualClock):
 
 async def until(condition):
     """Return when real input has made a condition true."""
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(PATIENCE_S):
         while not condition():  # noqa: ASYNC110 - it waits for a socket, not for a task
             await asyncio.sleep(0.005)
 
@@ -372,7 +431,7 @@ class Polling:
 
     def __init__(self, url, **changes):
         self.clock = PollClock()
-        self.sensor = KrakenSensor(with_settings(url=url, timeout_s=0.3, **changes), self.clock)
+        self.sensor = KrakenSensor(with_settings(**{"url": url, "timeout_s": PATIENCE_S} | changes), self.clock)
         self.reports, self.said = [], []
 
     @contextlib.asynccontextmanager
@@ -400,6 +459,7 @@ async def test_it_polls_and_publishes_each_frame_once(server):
         await polling.polls(3)
     assert [sorted(azimuths_deg(report)) for report in polling.reports] == [["L0", "L1"], ["L0"]]
     assert polling.said == []
+    assert set(polling.clock.slept_s) == {0.1}
 
 
 async def test_a_radio_that_is_away_is_asked_less_often_and_missed_once(server):
@@ -417,15 +477,23 @@ async def test_a_radio_that_is_away_is_asked_less_often_and_missed_once(server):
         await polling.polls(4)
         assert len(polling.reports) == 1
         assert polling.said[1:] == [f"{server.url} answers again"]
+        await until(lambda: polling.clock.sleeping)
+        await server.close()
+        await polling.polls(1)
+        await until(lambda: polling.clock.sleeping)
+        assert polling.clock.slept_s[-1] == 0.5
+        assert "trying again" in polling.said[2]
 
 
 async def test_a_server_that_hangs_costs_its_time_out_and_no_more(server):
     server.answer = None
-    async with Polling(server.url, max_age_s=1e6).running() as polling:
+    async with Polling(server.url, max_age_s=1e6, timeout_s=0.3).running() as polling:
         await polling.polls(1)
         assert "does not answer within 0.3 s" in polling.said[0]
         server.answer = ok(COMPASS)
-        await polling.polls(2)
+        async with asyncio.timeout(PATIENCE_S):
+            while not polling.reports:
+                await polling.polls(1)
     assert len(polling.reports) == 1
 
 
@@ -436,16 +504,27 @@ async def test_a_server_that_hangs_costs_its_time_out_and_no_more(server):
         (line(f1=TIME_MS + 3600_000), "clock is ahead", 1),
         ("nonsense", "choose that data format", 12),
         (line(f5=999_000_000), "no transmitter has", 1),
+        (line(f11="None"), "no heading of the kind", 1),
     ],
 )
 async def test_what_is_wrong_at_the_radio_is_said_once(server, text, words, polls):
     server.answer = ok(text)
-    polling = Polling(server.url)
+    polling = Polling(server.url, heading="gps")
     async with polling.running():
         await polling.polls(polls + 3)
     assert len(polling.said) == 1
     assert words in polling.said[0]
     assert polling.reports == []
+
+
+async def test_a_radio_that_repeats_itself_is_said_once(server):
+    async with Polling(server.url).running() as polling:
+        for number in range(10):
+            server.answer = ok(line(f1=TIME_MS + number))
+            await polling.polls(1)
+    (said,) = polling.said
+    assert "repeats one measurement" in said
+    assert len(polling.reports) == FROZEN_AFTER - 1
 
 
 async def test_a_torn_line_now_and_then_is_nothing_to_speak_of(server):
@@ -462,7 +541,8 @@ async def test_over_real_time_its_reports_are_as_old_as_the_frame(server):
     now_ms = clock.unix_ns() // 1_000_000
     server.answer = ok(line(f1=now_ms, f7=100))
     reports = []
-    task = asyncio.create_task(KrakenSensor(with_settings(url=server.url), clock).run(reports.append, print))
+    settings = with_settings(url=server.url, timeout_s=PATIENCE_S, max_age_s=PATIENCE_S)
+    task = asyncio.create_task(KrakenSensor(settings, clock).run(reports.append, print))
     await until(lambda: reports)
     task.cancel()
     assert reports[0].captured_ns == (now_ms - 50) * 1_000_000
