@@ -187,7 +187,14 @@ class _Subject(msgspec.Struct):
 
 
 class _AccessControl(msgspec.Struct):
+    enabled: bool = False
+    default_permission: str = "allow"
     subjects: list[_Subject] = []
+
+    @property
+    def in_force(self) -> bool:
+        """Whether nobody may do what is not said of him."""
+        return self.enabled and self.default_permission == "deny" and bool(self.subjects)
 
 
 class _KeyFile(msgspec.Struct):
@@ -219,6 +226,6 @@ def with_keys(endpoint: BusEndpoint, file: Path | None) -> BusEndpoint:
         raise BusError(f"{file} holds no keys of a bus: make them with `bearing-relay keys init`") from None
     if known.mode != endpoint.role:
         raise BusError(f"{file} holds the keys of a {known.mode}, and those of a {endpoint.role} are needed")
-    if known.mode == "router" and (known.access_control is None or not known.access_control.subjects):
-        raise BusError(f"{file} says nobody's rights: a router without them lets every party do everything")
+    if known.mode == "router" and (known.access_control is None or not known.access_control.in_force):
+        raise BusError(f"{file} says nobody's rights, or not to keep to them: then every party may do everything")
     return KeyedEndpoint(endpoint.endpoint, endpoint.role, keys)

@@ -4,6 +4,7 @@ import asyncio
 import base64
 import contextlib
 import json
+import re
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ import zenoh
 
 from drivers.bus.certificates import LONGEST_NAME, Authority, now
 from drivers.bus.keys import SwarmKeys
+from drivers.bus.node_keys import NodeKeys
 from drivers.bus.refusals import refusals_key
 from drivers.bus.security import (
     OPERATOR,
@@ -24,11 +26,13 @@ from drivers.bus.security import (
     access_control,
     configurations,
     host_of,
+    node_party,
     rights_of_all,
+    site_router,
     uav_party,
     with_keys,
 )
-from drivers.bus.session import BusEndpoint, open_bus
+from drivers.bus.session import BusEndpoint, LiveBus, open_bus, require_closed
 from drivers.errors import BusError
 from drivers.simulation.launcher import free_tcp_port
 
@@ -89,6 +93,14 @@ async def answered(bus, key: str, payload: bytes) -> bytes:
         except BusError:
             assert time.monotonic() < deadline_s, f"{key} is not answered"
             await asyncio.sleep(0.01)
+
+
+async def fetched(bus: LiveBus, key_expression: str) -> dict[str, bytes]:
+    """Return what is remembered once anything is: who remembers it becomes known a little later."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not (values := await bus.fetch(key_expression)):
+        assert time.monotonic() < deadline_s, f"nobody remembers {key_expression}"
+    return values
 
 
 def with_link(endpoint: KeyedEndpoint, **tls: object) -> KeyedEndpoint:
@@ -185,6 +197,8 @@ async def test_a_uav_hears_nothing_of_another(closed: Closed) -> None:
     for expression in ("bearing-relay/eight/**", KEYS.every_bearings, KEYS.emission("U2"), KEYS.progress, KEYS.state):
         uav.subscribe(expression, heard.take)
     uav.subscribe(KEYS.clock_ping("U1"), heard.take)
+    known = (KEYS.clock_ping("U1"), b"before all that")
+    await heard.until_heard(lambda: service.put_latest(*known), known)
     at_service = Inbox()
     service.subscribe(KEYS.every_bearings, at_service.take)
     said = (KEYS.bearings("U2"), b"own")
@@ -193,7 +207,7 @@ async def test_a_uav_hears_nothing_of_another(closed: Closed) -> None:
         service.put_latest(key, b"not for it")
     meant = (KEYS.clock_ping("U1"), b"for it")
     await heard.until_heard(lambda: service.put_latest(*meant), meant)
-    assert set(heard.samples) == {meant}
+    assert set(heard.samples) == {known, meant}
 
 
 async def test_the_operator_commands_and_nobody_else(closed: Closed) -> None:
@@ -228,6 +242,7 @@ async def test_the_operator_sees_the_run_and_says_no_bearings(closed: Closed) ->
     assert await operator.fetch(SwarmKeys("*").setup) == {KEYS.setup: b"setup"}
     assert await operator.fetch_history(KEYS.progress) == [b"first"]
     operator.put_latest(KEYS.bearings("U1"), b"forged")
+    assert await operator.ask(KEYS.events, b"") == b"events"  # which came after that
     uav, last = await closed.join(U1), (KEYS.bearings("U1"), b"own")
     await heard.until_heard(lambda: uav.put_latest(*last), last)
     assert set(heard.samples) == {last}
@@ -252,13 +267,21 @@ async def test_a_router_alone_tells_what_was_refused_and_service_and_operator_al
 
         for sample in expected:
             await heard.until_heard(all_say, sample)
-        assert set(heard.samples) == expected
+        for bus in others:
+            with pytest.raises(BusError, match="is not answered"):
+                await bus.ask(KEYS.control, b"hold")  # the router has had all they said when it says so
+        after = (KEYS.clock_ping("U1"), b"after all that")
+        await heard.until_heard(lambda: router.put_latest(*after), after)
+        assert set(heard.samples) == {*expected, after}
 
 
 async def test_a_uav_answers_nobody_in_the_place_of_the_service(closed: Closed) -> None:
     operator, uav, service = await closed.join(OPERATOR), await closed.join(U1), await closed.join(SERVICE)
     uav.serve(KEYS.control, lambda _: b"all is well")
     uav.put_reliably(KEYS.setup, b"another run")
+    heard, after = Inbox(), (KEYS.bearings("U1"), b"after that")
+    service.subscribe(KEYS.every_bearings, heard.take)
+    await heard.until_heard(lambda: uav.put_latest(*after), after)
     service.serve(KEYS.events, lambda _: b"events")
     assert await answered(operator, KEYS.events, b"") == b"events"
     with pytest.raises(BusError, match="nobody serves it"):
@@ -279,8 +302,11 @@ async def test_who_has_keys_but_no_rights_any_more_can_do_nothing(closed: Closed
         await heard.until_heard(lambda: uav.put_latest(*last), last)
         for _ in range(20):
             lost.put_latest(KEYS.bearings("U2"), b"lost")
-            await asyncio.sleep(0.01)
-        assert set(heard.samples) == {last}
+        with pytest.raises(BusError, match="is not answered"):
+            await lost.ask(KEYS.control, b"abort")  # the router has had all that when it says so
+        after = (KEYS.bearings("U1"), b"after all that")
+        await heard.until_heard(lambda: uav.put_latest(*after), after)
+        assert set(heard.samples) == {last, after}
 
 
 async def test_nobody_is_taken_for_the_router_with_a_uavs_keys(closed: Closed) -> None:
@@ -295,6 +321,32 @@ async def test_nobody_is_taken_for_the_router_with_a_uavs_keys(closed: Closed) -
         with pytest.raises(BusError, match="cannot be opened"):
             async with open_bus(replace(closed.of(OPERATOR), endpoint=endpoint)):
                 pass
+
+
+async def test_nobody_is_taken_for_the_router_with_a_router_s_keys_of_another_place() -> None:
+    vouching, endpoint = authority(), f"tls/127.0.0.1:{free_tcp_port()}"
+    made = configurations(KEYS.swarm, UAVS, endpoint, vouching)
+    elsewhere = vouching.identity(ROUTER, ("10.0.0.1",))
+    false = with_link(
+        KeyedEndpoint(endpoint, "router", made[ROUTER]),
+        listen_private_key_base64=base64.b64encode(elsewhere.key).decode(),
+        listen_certificate_base64=base64.b64encode(elsewhere.certificate).decode(),
+    )
+    async with open_bus(false):
+        with pytest.raises(BusError, match="cannot be opened"):
+            async with open_bus(KeyedEndpoint(endpoint, "client", made[OPERATOR])):
+                pass
+
+
+async def test_simulated_sensors_and_the_operator_are_told_who_transmits_and_the_former_their_faults(
+    closed: Closed,
+) -> None:
+    service, sensors, operator = [await closed.join(party) for party in (SERVICE, SERVICE, OPERATOR)]
+    service.put_reliably(KEYS.emission("U1"), b"on")
+    service.put_reliably(KEYS.sensor_fault("U1"), b"stuck")
+    for bus in (sensors, operator):
+        assert await fetched(bus, KEYS.every_emission) == {KEYS.emission("U1"): b"on"}
+    assert await fetched(sensors, KEYS.every_sensor_fault) == {KEYS.sensor_fault("U1"): b"stuck"}
 
 
 ROUTER_OF_ANYBODY = """
@@ -329,9 +381,10 @@ def test_any_zenoh_program_takes_part_with_the_file_alone(tmp_path: Path) -> Non
 
 
 def test_every_party_has_a_name_that_no_uav_can_take() -> None:
-    names = [rights.name for rights in rights_of_all("eight", [SERVICE, OPERATOR, ROUTER, "uav.U1", "U1"])]
-    assert len(set(names)) == len(names)
-    assert ROUTER not in names
+    called = [SERVICE, OPERATOR, ROUTER, "uav.U1", "U1", "node.U1", "router.U1"]
+    names = [rights.name for rights in rights_of_all("eight", called, called)]
+    names += [ROUTER, *map(site_router, called)]
+    assert len(set(names)) == len(names) == 3 + 3 * len(called)
 
 
 def test_no_rule_of_a_uav_names_another() -> None:
@@ -340,6 +393,41 @@ def test_no_rule_of_a_uav_names_another() -> None:
         named = (*rights.says, *rights.hears, *rights.asks, *rights.answers)
         assert named
         assert all(f"/uav/{own}/" in key and "*" not in key for key in named)
+
+
+def test_what_the_router_lets_a_uav_do_names_no_other_but_for_who_listens_and_answers() -> None:
+    rules = access_control("eight", rights_of_all("eight", ["U1", "U2"], ["north"]))["rules"]
+    own = {rule["id"].removeprefix(f"{U1} "): rule for rule in rules if rule["id"].startswith(f"{U1} ")}
+    told = own.pop("is told")
+    assert (told["flows"], told["messages"]) == (["egress"], ["declare_subscriber", "declare_queryable"])
+    assert own.keys() == {"says", "listens", "asks", "hears", "is answered"}
+    assert all("/uav/U1/" in key and "*" not in key for rule in own.values() for key in rule["key_exprs"])
+
+
+def test_a_link_node_speaks_for_itself_and_commands_nobody() -> None:
+    north = {rights.name: rights for rights in rights_of_all("eight", ["U1"], ["north", "south"])}[node_party("north")]
+    own = NodeKeys("eight", "north")
+    assert set(north.says) == {own.beat, own.reports, own.telemetry, KEYS.every_clock_ping}
+    assert set(north.hears) == {own.grant, own.orders, KEYS.every_bearings, KEYS.every_clock_pong}
+    assert (north.asks, north.answers, north.lives, north.watches) == ((), (own.reports,), (own.alive,), ())
+
+
+def test_every_file_opens_nothing_but_mutual_tls_and_outlives_its_certificate_in_flight() -> None:
+    south = {"south": "tls/10.0.0.2:7447"}
+    made = configurations("eight", ["U1"], "tls/10.0.0.1:7447", authority(), ["south"], south)
+    for text in made.values():
+        values = json.loads(text)
+        assert values["scouting"] == {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
+        assert values["transport"]["shared_memory"] == {"enabled": False}
+        assert values["transport"]["link"]["protocols"] == ["tls"]
+        tls = values["transport"]["link"]["tls"]
+        assert (tls["enable_mtls"], tls["verify_name_on_connect"]) == (True, True)
+        assert tls["close_link_on_expiration"] is False
+
+
+def test_an_endpoint_with_keys_is_closed_to_strangers_wherever_it_is() -> None:
+    made = configurations("eight", ["U1"], "tls/10.0.0.1:7447", authority())
+    require_closed(KeyedEndpoint("tls/10.0.0.1:7447", "client", made[U1]))
 
 
 def test_only_the_router_s_file_has_the_rights_and_nobody_has_another_s_key() -> None:
@@ -417,9 +505,16 @@ def test_the_router_s_file_says_of_which_swarm_it_is_and_who_has_rights(tmp_path
     ("role", "endpoint", "mode", "text", "says"),
     [
         ("client", "tls/10.0.0.1:7447", 0o644, "made", "can be read by others: chmod 600"),
+        ("client", "tls/10.0.0.1:7447", 0o640, "made", "can be read by others: chmod 600"),
+        ("client", "tls/10.0.0.1:7447", 0o604, "made", "can be read by others: chmod 600"),
+        ("client", "tls/10.0.0.1:7447", 0o620, "made", "can be read by others: chmod 600"),
         ("client", "tcp/10.0.0.1:7447", 0o600, "made", "write tls/HOST:PORT"),
         ("router", "tls/10.0.0.1:7447", 0o600, "made", "keys of a client, and those of a router"),
         ("router", "tls/10.0.0.1:7447", 0o600, "without rights", "says nobody's rights"),
+        ("router", "tls/10.0.0.1:7447", 0o600, "with rights of nobody", "says nobody's rights"),
+        ("router", "tls/10.0.0.1:7447", 0o600, "with rights not kept to", "or not to keep to them"),
+        ("router", "tls/10.0.0.1:7447", 0o600, "with all else allowed", "or not to keep to them"),
+        ("client", "tls/10.0.0.1:7447", 0o600, "without rights", "keys of a router, and those of a client"),
         ("router", "tls/10.0.0.1:7447", 0o600, "of no swarm", "holds no keys of a bus"),
         ("client", "tls/10.0.0.1:7447", 0o600, "{}", "holds no keys of a bus"),
         ("client", "tls/10.0.0.1:7447", 0o600, "[1]", "holds no keys of a bus"),
@@ -441,6 +536,9 @@ def test_a_file_that_cannot_be_used_is_said(
     texts = {
         "made": made[U1],
         "without rights": made[ROUTER].replace('"access_control"', '"nothing"'),
+        "with rights of nobody": made[ROUTER].replace('"subjects": [', '"of_old": ['),
+        "with rights not kept to": re.sub(r'("access_control": *\{\s*"enabled": *)true', r"\1false", made[ROUTER]),
+        "with all else allowed": re.sub(r'("default_permission": *)"deny"', r'\1"allow"', made[ROUTER]),
         "of no swarm": made[ROUTER].replace('"swarm": "eight"', '"swarm": "eight/**"'),
     }
     file = tmp_path / "keys.json5"
