@@ -26,16 +26,18 @@ class Stream:
     def __init__(self, rig, mode=OFFBOARD):
         self.rig, self.clock, self.wire = rig, rig.clock, rig.wire
         self.vehicle = rig.vehicle()
-        self.mode, self.speed_mps, self.north = mode, 0.0, 0
+        self.mode, self.speed_mps, self.course, self.north = mode, 0.0, 1 + 0j, 0
         self.armed = True
         self.speak()
         self.streamer = SetpointStreamer(self.vehicle, Px4Copter(), ALTITUDE_M, LIMITS, self.clock)
 
     def speak(self):
         self.rig.copter.heartbeat(mode=self.mode, armed=self.armed, autopilot=mavlink.MAV_AUTOPILOT_PX4)
+        velocity = self.speed_mps * self.course * 100
+        north, east = round(velocity.real), round(velocity.imag)
         self.rig.copter.say(
             mavlink.MAVLink_global_position_int_message(
-                0, 474_000_000 + self.north, 85_000_000, 439_000, 9_000, round(self.speed_mps * 100), 0, 0, 0
+                0, 474_000_000 + self.north, 85_000_000, 439_000, 9_000, north, east, 0, 0
             )
         )
 
@@ -94,6 +96,25 @@ async def test_a_vehicle_nobody_moves_is_streamed_its_place_at_its_altitude(stre
     assert largest_gap_s(stream) < 0.16
 
 
+async def test_the_place_that_is_held_does_not_drift_with_the_vehicle(stream):
+    await stream.live(1.0)
+    stream.north = 50
+    await stream.live(2.0)
+    assert stream.streamer.state is StreamState.IDLING
+    assert {sent.message.lat_int for sent in stream.sent} == {474_000_000}
+
+
+async def test_an_idle_setpoint_waits_no_longer_than_a_lease_and_in_nobodys_place(stream, monkeypatch):
+    posted = []
+    monkeypatch.setattr(
+        stream.vehicle.link,
+        "post_setpoint",
+        lambda _, setpoint: posted.append((round(setpoint.expires_s - stream.clock.now_s(), 6), setpoint.stops)),
+    )
+    await stream.live(1.0)
+    assert set(posted) == {(LIMITS.lease_s, False)}
+
+
 async def test_before_during_and_after_a_leg_the_stream_has_no_gap(stream):
     await stream.live(2.0)
     await stream.live(3.0, 3 + 0j)
@@ -113,6 +134,16 @@ async def test_a_velocity_is_approached_no_faster_than_the_vehicle_may_accelerat
     assert flown[-1][1] == pytest.approx(-3j)
 
 
+async def test_a_stream_that_was_held_up_does_not_catch_up_in_one_leap(stream):
+    await stream.live(1.0, 1 + 0j)
+    stream.clock.jump(0.6)  # the event loop was busy
+    stream.speak()
+    stream.streamer.renew(5 + 0j)
+    await settle()
+    (_, before), (_, after) = stream.velocities[-2:]
+    assert abs(after - before) == pytest.approx(ACCELERATION_MPS2 / LIMITS.rate_hz)
+
+
 @pytest.mark.parametrize("way", ["stop", "renewal with zero"])
 async def test_a_stop_is_never_slowed_down(stream, way):
     await stream.live(4.0, 5 + 0j)
@@ -124,11 +155,15 @@ async def test_a_stop_is_never_slowed_down(stream, way):
     assert stream.velocities[-1] == (stream.clock.now_s(), 0j)
 
 
-async def test_zero_velocity_is_repeated_until_the_vehicle_is_slow_and_then_its_place_is_held(stream):
-    stream.speed_mps = 4.0
-    await stream.live(2.0, 4 + 0j)
+@pytest.mark.parametrize("course", [1 + 0j, 1j, -1 + 0j, -1j])
+async def test_zero_velocity_is_repeated_until_the_vehicle_is_slow_and_then_its_place_is_held(stream, course):
+    stream.speed_mps, stream.course = 4.0, course
+    await stream.live(2.0, 4 * course)
     stream.streamer.stop()
     await stream.live(1.0)
+    assert stream.streamer.state is StreamState.STOPPING
+    stream.speed_mps = 0.6
+    await stream.live(0.3)
     assert stream.streamer.state is StreamState.STOPPING
     stream.speed_mps = 0.3
     await stream.live(0.2)
@@ -170,6 +205,16 @@ async def test_a_stream_that_had_a_gap_does_not_come_back_whatever_the_last_hear
     stream.streamer.renew(3 + 0j)
     stream.streamer.stop()
     stream.streamer.release()
+    await stream.live(3.0, 3 + 0j)
+    assert len(stream.sent) == left
+    assert stream.streamer.state is StreamState.PILOT
+
+
+@pytest.mark.parametrize("moving", [True, False])
+async def test_a_stream_that_had_a_gap_does_not_come_back_though_the_vehicle_is_heard_first(stream, moving):
+    await stream.live(2.0, 3 + 0j if moving else None)
+    left = len(stream.sent)
+    stream.clock.jump(LONGEST_GAP_S + 0.1)  # the event loop was busy, and reads what came meanwhile
     await stream.live(3.0, 3 + 0j)
     assert len(stream.sent) == left
     assert stream.streamer.state is StreamState.PILOT
@@ -257,6 +302,14 @@ async def test_a_pilot_who_takes_it_again_ends_the_offer_with_it(stream):
     stream.mode = OFFBOARD
     await stream.live(2.0, 3 + 0j)
     assert len(stream.sent) == left
+
+
+async def test_an_offer_is_not_taken_up_on_the_ground(stream):
+    await taken(stream)
+    stream.streamer.release()
+    stream.armed, stream.mode = False, OFFBOARD
+    await stream.live(1.0)
+    assert stream.streamer.state is StreamState.PILOT
 
 
 @pytest.mark.parametrize("mode", [OFFBOARD, LOITER])

@@ -20,6 +20,7 @@ from tests.fakes import settle
 GUIDED, LOITER = 4, 5
 PERIOD_S = 0.2
 SET_INTERVAL, SET_MODE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_DO_SET_MODE
+REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
 
 
 def command(number, parameter=0.0):
@@ -81,6 +82,10 @@ async def field(make_rig, clock):
         for rig in field.rigs:
             await stack.enter_async_context(rig.running())
         yield field
+
+
+def of_kind(heard, kind):
+    return [message for message in heard if message.get_type() == kind]
 
 
 @pytest.fixture
@@ -188,6 +193,24 @@ async def test_a_setpoint_that_was_dropped_is_not_posted_again_on_a_change(field
     assert field.sent(0) == field.sent(1) == []
 
 
+async def test_a_stop_that_was_dropped_leaves_on_no_link(field, heard):
+    await field.live(1.0)
+    field.link.post_setpoint(1, setpoint(0.0, field.clock.now_s() + 9.0))
+    field.link.drop_setpoint(1)
+    await settle()
+    assert field.sent(0) == field.sent(1) == []
+
+
+async def test_what_is_sent_is_an_occasion_to_leave_a_link_that_has_fallen_silent(field, heard):
+    await field.live(3.0)
+    field.up[0] = False
+    field.speak()
+    await field.clock.advance(0.1)
+    field.link.post_setpoint(1, setpoint(2.0, field.clock.now_s() + 9.0))
+    await settle()
+    assert (field.sent(0), field.sent(1)) == ([], [(field.clock.now_s(), 2.0)])
+
+
 async def test_a_stop_leaves_on_every_link_and_comes_after_any_motion_on_each(field, flight):
     await field.live(2.0, flight.renew)
     field.up[0] = False
@@ -229,6 +252,26 @@ async def test_ordinary_commands_leave_on_the_link_in_use_alone(field, heard):
     assert (field.commands(0), field.commands(1)) == ([400], [22])
 
 
+async def test_an_ordinary_command_does_not_go_into_a_link_that_has_fallen_silent(field, heard):
+    await field.live(3.0)
+    field.up[0] = False
+    field.speak()
+    await field.clock.advance(0.1)
+    field.link.post(command(400))
+    await settle()
+    assert (field.commands(0), field.commands(1)) == ([], [400])
+
+
+async def test_a_message_is_requested_on_every_link_and_not_again_when_one_comes_up(field, heard):
+    field.up[1] = False
+    await field.live(1.0)
+    field.link.post(command(REQUEST, 148.0))
+    await field.live(4.0)
+    field.up[1] = True
+    await field.live(4.0)
+    assert field.commands(0) == field.commands(1) == [REQUEST]
+
+
 async def test_rates_are_asked_for_on_every_link_and_again_when_one_comes_up(field, heard):
     field.up[1] = False
     await field.live(1.0)
@@ -264,6 +307,14 @@ async def test_one_answer_is_taken_to_a_command_sent_on_every_link(field, heard)
     assert [message.get_type() for message in heard] == ["COMMAND_ACK"]
 
 
+@pytest.mark.parametrize(("way", "number"), [("post_urgent", SET_MODE), ("post", REQUEST), ("post", SET_INTERVAL)])
+async def test_an_answer_is_taken_from_any_link_whichever_answered_before(field, heard, way, number):
+    for answering in (0, 1):
+        getattr(field.link, way)(command(number))
+        field.rigs[answering].copter.acknowledge(number)
+    assert len(of_kind(heard, "COMMAND_ACK")) == 2
+
+
 async def test_the_answer_to_an_ordinary_command_is_not_one_to_an_earlier_copy(field, heard):
     await field.live(1.0)
     field.link.post_urgent(command(SET_MODE))
@@ -274,11 +325,25 @@ async def test_the_answer_to_an_ordinary_command_is_not_one_to_an_earlier_copy(f
     assert answers == [mavlink.MAV_RESULT_DENIED]
 
 
-async def test_a_text_is_said_once_and_as_often_as_the_autopilot_said_it(field, heard):
-    for number in (0, 1, 1, 0):
+@pytest.mark.parametrize("brought_by", [(0, 1, 1, 0), (0, 0, 1, 1), (0, 0), (0, 1, 1)])
+async def test_a_text_is_said_once_and_as_often_as_the_autopilot_said_it(field, heard, brought_by):
+    for number in brought_by:
         field.rigs[number].copter.text("PreArm: compass")
     field.rigs[1].copter.text("only here")
     assert [message.text for message in heard] == ["PreArm: compass", "PreArm: compass", "only here"]
+
+
+async def test_what_only_a_late_link_tells_of_what_happened_is_heard(field, heard):
+    field.delay_s[1] = 3.0
+    await field.live(6.0)
+    field.rigs[1].copter.text("Radio failsafe")
+    assert [message.text for message in of_kind(heard, "STATUSTEXT")] == ["Radio failsafe"]
+
+
+async def test_a_position_that_both_links_tell_is_handed_on_once(field, heard):
+    await field.live(2.0)
+    told_ms = [message.time_boot_ms for message in of_kind(heard, "GLOBAL_POSITION_INT")]
+    assert len(told_ms) == len(set(told_ms)) == 10
 
 
 async def test_the_slow_link_does_not_undo_the_mode_nor_the_position_that_the_quick_one_told(field, flight):
@@ -378,6 +443,8 @@ async def test_the_way_to_one_vehicle_leads_to_no_other(field):
         field.link.listen(Subscription(2, frozenset(), print))
     with pytest.raises(LinkError, match="the way to system id 1, not to 2"):
         field.link.post_setpoint(2, setpoint(1.0, 1e9))
+    with pytest.raises(LinkError, match="the way to system id 1, not to 2"):
+        field.link.drop_setpoint(2)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -8,6 +8,7 @@ import cmath
 import contextlib
 import itertools
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -29,12 +30,12 @@ ZERO_S = 2.0
 class Stream:
     """A streamer that runs, for a vehicle that hovers in GUIDED at its altitude."""
 
-    def __init__(self, rig):
+    def __init__(self, rig, limits=LIMITS):
         self.rig, self.clock, self.wire, self.copter = rig, rig.clock, rig.wire, rig.copter
         self.vehicle = rig.vehicle()
         self.copter.heartbeat(mode=GUIDED)
         self.copter.at_height(ALTITUDE_M)
-        self.streamer = SetpointStreamer(self.vehicle, ArduCopter(), ALTITUDE_M, LIMITS, self.clock)
+        self.streamer = SetpointStreamer(self.vehicle, ArduCopter(), ALTITUDE_M, limits, self.clock)
 
     @property
     def sent(self):
@@ -68,6 +69,7 @@ async def stream(rig):
 async def test_nothing_leaves_before_the_first_renewal(stream):
     await stream.clock.advance(10.0)
     assert stream.sent == []
+    assert stream.rig.link.counters.dropped == 0
     assert stream.streamer.state is StreamState.SILENT
 
 
@@ -109,6 +111,36 @@ async def test_a_busy_event_loop_does_not_prolong_the_lease(stream):
     stream.clock.jump(5.0)
     await stream.clock.advance(0.0)
     assert [velocity for _, velocity, _ in stream.sent] == [4, 0]
+
+
+async def test_a_motion_that_had_to_wait_for_longer_than_its_lease_does_not_leave(stream):
+    stream.streamer.renew(4 + 0j)
+    stream.clock.jump(LIMITS.lease_s + 0.01)  # before the link's owner has run
+    await stream.clock.advance(1.0)
+    assert {velocity for _, velocity, _ in stream.sent} == {0j}
+
+
+async def test_every_repeated_motion_expires_with_its_lease_and_every_stop_with_its_repetition(stream, monkeypatch):
+    posted = []
+    monkeypatch.setattr(stream.vehicle.link, "post_setpoint", lambda _, setpoint: posted.append(setpoint))
+    renewed_s = stream.clock.now_s()
+    stream.streamer.renew(4 + 0j)
+    await stream.clock.advance(5.0)
+    moving = [setpoint.expires_s for setpoint in posted if setpoint.message.vx]
+    still = [setpoint.expires_s for setpoint in posted if not setpoint.message.vx]
+    assert moving == pytest.approx([renewed_s + LIMITS.lease_s] * 5)
+    assert len(still) >= 10
+    assert still == pytest.approx([renewed_s + LIMITS.lease_s + ZERO_S] * len(still), abs=0.01)
+    assert [setpoint.stops for setpoint in posted] == [False] * len(moving) + [True] * len(still)
+
+
+async def test_a_lease_of_no_whole_number_of_periods_ends_on_time_too(rig):
+    async with Stream(rig, replace(LIMITS, lease_s=0.23)).running() as stream:
+        renewed_s = stream.clock.now_s()
+        stream.streamer.renew(4 + 0j)
+        await stream.clock.advance(1.0)
+        first_still_s = min(time_s for time_s, velocity, _ in stream.sent if velocity == 0)
+    assert first_still_s == pytest.approx(renewed_s + 0.23, abs=0.01)
 
 
 async def test_zero_velocity_may_be_renewed_like_any_other(stream):
@@ -165,6 +197,14 @@ async def test_a_stop_is_repeated_while_the_vehicle_stops_then_silent(stream):
     assert stopped_s + ZERO_S - 0.2 <= after[-1][0] <= stopped_s + ZERO_S
 
 
+async def test_a_stop_is_repeated_for_as_long_to_a_copter_that_says_that_it_stands(stream):
+    stream.copter.say(mavlink.MAVLink_global_position_int_message(0, 474_000_000, 85_000_000, 0, 10_000, 0, 0, 0, 0))
+    stopped_s = stream.clock.now_s()
+    stream.streamer.stop()
+    await stream.clock.advance(5.0)
+    assert stream.sent[-1][0] >= stopped_s + ZERO_S - 0.2
+
+
 async def test_a_renewal_after_a_stop_flies_again(stream):
     stream.streamer.stop()
     await settle()
@@ -181,6 +221,7 @@ async def test_a_renewal_after_a_stop_flies_again(stream):
         complex(math.inf, 0),
         complex(0, -math.inf),
         5.1 + 0j,
+        5.01 + 0j,
         4 + 4j,
         -1e300j,
     ],
@@ -275,6 +316,16 @@ async def test_a_release_outside_guided_changes_nothing(stream):
     await stream.renew_for(2.0, 4 + 0j)
     assert stream.sent == []
     assert stream.streamer.state is StreamState.PILOT
+
+
+async def test_one_released_outside_guided_has_to_be_released_again_in_it(stream):
+    stream.copter.heartbeat(mode=LOITER)
+    stream.streamer.release()
+    stream.copter.heartbeat(mode=GUIDED)
+    await stream.renew_for(2.0, 4 + 0j)
+    assert stream.sent == []
+    assert stream.streamer.state is StreamState.PILOT
+    assert stream.streamer.release() is None
 
 
 async def test_a_release_in_guided_moves_nothing_until_the_next_renewal(stream):

@@ -64,7 +64,8 @@ class TestArming:
         bench.mode(LAND)
         bench.run(60)
         bench.mode(GUIDED)
-        bench.gcs.command(ARM, 1)
+        assert bench.gcs.command(ARM, 1) == ACCEPTED
+        assert bench.sample().north_m > 40
         assert bench.gcs.last("HOME_POSITION").x == pytest.approx(bench.sample().north_m)
 
 
@@ -145,7 +146,7 @@ class TestTakeOff:
 
     def test_a_velocity_does_not_lift_a_landed_copter(self, bench, velocity):
         bench.mode(GUIDED)
-        bench.gcs.command(ARM, 1)
+        assert bench.gcs.command(ARM, 1) == ACCEPTED
         assert bench.run(5, repeat=velocity(0, 0, -2))[-1].height_m == 0.0
 
 
@@ -215,12 +216,12 @@ class TestSetpoints:
         assert airborne.flight.dynamics.heading_rad == pytest.approx(pi / 2, abs=0.05)
 
     def test_a_yaw_rate_of_zero_holds_the_nose(self, airborne, velocity):
-        airborne.run(10, repeat=velocity(0, 3, mask=0x05C7))
+        assert airborne.run(10, repeat=velocity(0, 3, mask=0x05C7))[-1].east_mps == pytest.approx(3, abs=0.2)
         assert airborne.flight.dynamics.heading_rad == 0.0
 
     def test_wp_yaw_behavior_zero_holds_the_nose(self, make_bench, velocity):
         bench = make_bench(WP_YAW_BEHAVIOR=0).take_off()
-        bench.run(10, repeat=velocity(0, 3))
+        assert bench.run(10, repeat=velocity(0, 3))[-1].east_mps == pytest.approx(3, abs=0.2)
         assert bench.flight.dynamics.heading_rad == 0.0
 
     def test_the_echo_tells_what_it_obeys(self, airborne, velocity):
@@ -306,7 +307,7 @@ class TestGcsFailsafe:
         bench = make_bench(FS_GCS_ENABLE=1)
         bench.gcs.heartbeat()
         bench.mode(GUIDED)
-        bench.gcs.command(ARM, 1)
+        assert bench.gcs.command(ARM, 1) == ACCEPTED
         bench.run(6)
         assert not bench.flight.armed
 

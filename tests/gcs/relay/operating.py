@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from drivers.bus.messages import ControlReply, ControlRequest, decode, encode
 from gcs.control import ControlDesk
@@ -33,15 +33,20 @@ def refused(world: World, words: str) -> str:
     return reply.message
 
 
-def in_turn(*steps: Step) -> Callable[[float], None]:
-    """Return what does each step as soon as its condition holds, one after the other."""
-    left = list(steps)
+class Script:
+    """Does each step as soon as its condition holds, one after the other."""
 
-    def meanwhile(_: float) -> None:
-        if left and left[0][0]():
-            left.pop(0)[1]()
+    def __init__(self, steps: Iterable[Step]) -> None:
+        self.left = list(steps)
 
-    return meanwhile
+    def __call__(self, _: float) -> None:
+        if self.left and self.left[0][0]():
+            self.left.pop(0)[1]()
+
+
+def in_turn(*steps: Step) -> Script:
+    """Return what does each step as soon as its condition holds; World.run fails when some are left."""
+    return Script(steps)
 
 
 def after(world: World, duration_s: float) -> Callable[[], bool]:

@@ -58,12 +58,16 @@ async def test_a_pilot_takes_one_in_mid_leg_and_it_comes_back_to_its_slot() -> N
             assert "U4 was taken over" in world.executor.records[name].reason
         assert "release U4" in refused(world, "resume")
         assert "guided mode" in refused(world, "release U4")
+        words = [f"bearing-relay control {word}" for word in ("release U4", "skip U4", "abort")]
+        assert world.executor.ways_out() == words
         taken.place += 12 - 25j  # its pilot parks it elsewhere
 
     def give_back() -> None:
         assert world.states()["U4"] is S.PILOT
         taken.guided = True
+        world.objections["U4"] = "only 2.0 m from U5"
         assert "resume" in done(world, "release U4")
+        world.objections.clear()
         assert world.states()["U4"] is S.HELD
 
     def go_on() -> None:
@@ -122,7 +126,8 @@ async def test_held_in_any_state_and_resumed_the_relay_forms() -> None:
     for name, state in states.items():
         changes = [change for _, at, change, _ in world.history if at == name]
         assert changes[changes.index(S.HELD) - 1] is state
-        assert world.executor.records[name].legs or state is S.VERIFYING
+        legs = world.executor.records[name].legs
+        assert state is S.VERIFYING or 1 <= len(legs) <= 2  # those since it was located last
 
 
 async def test_resumed_it_is_located_anew_and_never_flies_on_the_stale_leg() -> None:
@@ -208,11 +213,14 @@ async def test_with_no_way_along_its_planned_guides_it_takes_another() -> None:
     stood_within(world, "U2")
 
 
-async def test_put_back_into_its_slot_by_its_pilot_it_is_only_verified() -> None:
+@pytest.mark.parametrize(("off_m", "flown"), [(0.5, False), (2.5, True)])
+async def test_put_back_into_its_slot_by_its_pilot_it_is_only_verified_and_beside_it_flown(
+    off_m: float, flown: bool
+) -> None:
     world = World(sigma_deg=0.05, attended=True)
 
     def parked() -> None:
-        world.vehicles["U1"].place = world.frame.to_site(world.executor.records["U1"].route.target + 0.5j)
+        world.vehicles["U1"].place = world.frame.to_site(world.executor.records["U1"].route.target + off_m * 1j)
         world.vehicles["U1"].guided = True
         done(world, "release U1")
         done(world, "resume")
@@ -223,7 +231,7 @@ async def test_put_back_into_its_slot_by_its_pilot_it_is_only_verified() -> None
     )
     await world.run(meanwhile=script, until=world.on_its_way("U2"))
     stood_within(world, "U1", 1.0)
-    assert not world.vehicles["U1"].renewals
+    assert bool(world.vehicles["U1"].renewals) is flown
 
 
 async def test_put_beside_another_by_its_pilot_it_is_not_flown_at_all() -> None:
@@ -307,6 +315,18 @@ async def test_an_unattended_relay_ends_when_it_is_held() -> None:
     assert refused(world, "resume") == "the relay has ended"
 
 
+async def test_resumed_by_the_operator_an_unattended_relay_still_ends_when_it_is_held() -> None:
+    world = World()
+    script = in_turn(
+        (reached(world, "U1", S.LEG_1, for_s=1.0), lambda: done(world, "hold")),
+        (after(world, 5.0), lambda: done(world, "resume")),
+        (reached(world, "U1", S.LEG_1, for_s=1.0), lambda: world.silenced.add("U1")),
+    )
+    await world.run(limit_s=200.0, meanwhile=script)
+    assert world.states()["U1"] is S.HELD
+    assert not world.executor.formed
+
+
 async def test_a_placed_one_that_its_pilot_takes_holds_those_who_need_it_and_is_brought_back() -> None:
     world = World(sigma_deg=0.1, attended=True)  # the paper's chain: U1 guides U2
 
@@ -341,6 +361,81 @@ async def test_a_placed_one_nobody_needs_any_more_is_left_to_its_pilot_and_the_o
     assert states.pop("U2") is S.PILOT
     assert set(states.values()) == {S.PLACED}
     assert not any(state is S.HELD for _, _, state, _ in world.history)
+
+
+async def test_a_placed_one_nobody_needs_any_more_is_brought_back_only_when_the_operator_says_so() -> None:
+    world = World(sigma_deg=0.1, attended=True)
+    taken = world.vehicles["U2"]
+
+    def give_back() -> None:
+        taken.place += 9 + 4j
+        taken.guided = True
+        done(world, "release U2")
+        taken.renewals.clear()
+
+    def resume() -> None:
+        assert world.states()["U2"] is S.HELD
+        assert not taken.renewals
+        assert "U2" in done(world, "resume")
+
+    script = in_turn(
+        (reached(world, "U5", S.LEG_1), taken.take_over),
+        (after(world, 2.0), give_back),
+        (reached(world, "U6", S.LEG_1), resume),
+    )
+    await world.run(meanwhile=script)
+    settled_within(world)
+
+
+async def test_a_transmitter_needed_later_that_its_pilot_takes_holds_those_who_fly_now() -> None:
+    world = waves()
+    executor = world.executor
+    taken: list[str] = []
+
+    def needed_later() -> list[str]:
+        return [name for name in executor.standing.places if executor.users(name) and name not in world.on_air]
+
+    def take() -> None:
+        taken.append(needed_later()[0])
+        world.vehicles[taken[0]].take_over()
+
+    def held() -> None:
+        assert not flying(world)
+        assert f"{taken[0]} was taken over" in (executor.held or "")
+        done(world, "abort")
+
+    script = in_turn((lambda: bool(flying(world) and needed_later()), take), (after(world, 0.2), held))
+    await world.run(meanwhile=script)
+
+
+async def test_a_transmitter_of_no_route_that_its_pilot_takes_holds_who_is_located_by_it() -> None:
+    world = World(sigma_deg=0.1, attended=True)
+    moved, start = world.vehicles["U2"], world.vehicles["U2"].place
+
+    def give_back() -> None:
+        moved.place = start + 3
+        moved.guided = True
+        done(world, "release U2")
+        done(world, "resume")
+
+    def take() -> None:
+        assert "L1" in world.on_air
+        assert not world.executor.users("L1")
+        world.vehicles["L1"].take_over()
+
+    def held() -> None:
+        assert world.states()["U2"] is S.HELD
+        assert "L1 was taken over" in world.executor.records["U2"].reason
+        assert not world.on_air
+        done(world, "abort")
+
+    script = in_turn(
+        (reached(world, "U2", S.LEG_1, for_s=1.0), moved.take_over),
+        (after(world, 1.0), give_back),
+        (reached(world, "U2", S.LOCATING, for_s=3.5), take),
+        (after(world, 0.2), held),
+    )
+    await world.run(meanwhile=script)
 
 
 async def test_a_transmitter_from_the_start_that_leaves_guided_flight_is_not_trusted() -> None:
@@ -381,7 +476,9 @@ async def test_without_a_transmitter_given_up_the_others_find_another_way() -> N
     world = World(sigma_deg=0.1, attended=True)
 
     def without() -> None:
-        assert "U3, U4, U5, U6, U7, U8" in done(world, "skip L0")
+        message = done(world, "skip L0")
+        assert "U3, U4, U5, U6, U7, U8" in message
+        assert "land it" not in message
         done(world, "resume")
 
     script = in_turn(
@@ -393,11 +490,36 @@ async def test_without_a_transmitter_given_up_the_others_find_another_way() -> N
         assert ("L0" in world.executor.records[f"U{number}"].route.transmitters) is (number < 3)
 
 
+async def test_a_transmitter_given_up_stays_given_up_and_when_its_pilot_takes_it_again_nobody_holds() -> None:
+    world = World(sigma_deg=0.1, attended=True)
+    given_up = world.vehicles["L0"]
+
+    def without() -> None:
+        done(world, "skip L0")
+        given_up.guided = True
+        assert "stays given up" in done(world, "release L0")
+        assert "L0" not in world.executor.standing.places
+        done(world, "resume")
+
+    def take_again() -> None:
+        assert "U4" in world.executor.users("L0")
+        given_up.take_over()
+
+    script = in_turn(
+        (reached(world, "U3", S.LEG_1, for_s=1.0), given_up.take_over),
+        (after(world, 1.0), without),
+        (reached(world, "U3", S.LEG_1), take_again),
+    )
+    await world.run(meanwhile=script, until=world.on_its_way("U4"))
+    stood_within(world, "U3", 3.0)
+
+
 async def test_a_skipped_receiver_fails_and_the_others_form_without_it() -> None:
     world = World(sigma_deg=0.1)
 
     def skip() -> None:
         message = done(world, "skip U3")
+        assert "it hovers: land it from another station" in message
         assert "U4" in message
         assert world.states()["U3"] is S.FAILED
         assert world.vehicles["U3"].command == 0j
@@ -433,6 +555,33 @@ async def test_whoever_has_no_way_without_the_one_given_up_fails_with_the_reason
     reasons = {record.reason for record in world.executor.records.values()}
     assert "given up by the operator" in reasons
     assert any("U1 was given up" in reason and "two transmitters" in reason for reason in reasons)
+
+
+async def test_the_last_one_taken_while_it_waits_holds_the_relay_though_nobody_needs_it() -> None:
+    world = World(attended=True)
+
+    def held() -> None:
+        assert not world.executor.users("U8")
+        assert world.states()["U8"] is S.PILOT
+        assert world.states()["U1"] is S.HELD
+        done(world, "abort")
+
+    script = in_turn(
+        (reached(world, "U1", S.LEG_1, for_s=1.0), world.vehicles["U8"].take_over), (after(world, 0.2), held)
+    )
+    await world.run(meanwhile=script)
+
+
+async def test_a_relay_in_which_everybody_is_given_up_ends() -> None:
+    world = World(attended=True)
+
+    def give_up() -> None:
+        for name in world.states():
+            done(world, f"skip {name}")
+
+    script = in_turn((lambda: True, lambda: done(world, "hold")), (lambda: world.executor.waiting, give_up))
+    await world.run(limit_s=20.0, meanwhile=script)
+    assert set(world.states().values()) == {S.FAILED}
 
 
 async def test_one_taken_while_it_waits_holds_the_relay_too_and_flies_in_its_turn() -> None:
@@ -493,6 +642,16 @@ async def test_a_waiting_relay_that_is_cancelled_ends() -> None:
     relay.cancel()
     with pytest.raises(asyncio.CancelledError):
         await relay
+    assert refused(world, "resume") == "the relay has ended"
+
+
+async def test_a_take_over_of_this_instant_counts_and_the_first_reason_to_hold_stays() -> None:
+    world = World(attended=True)
+    world.vehicles["U1"].take_over()
+    assert "already: U1 was taken over" in done(world, "hold")
+    assert "U1 was taken over" in (world.executor.held or "")
+    assert "release U1" in refused(world, "resume")
+    assert len([said for said in world.said if said.startswith("the relay holds")]) == 1
 
 
 async def test_words_that_make_no_sense_change_nothing_and_say_what_would() -> None:
@@ -507,3 +666,6 @@ async def test_words_that_make_no_sense_change_nothing_and_say_what_would() -> N
     assert set(world.states().values()) == {S.WAITING}
     assert world.executor.held is None
     assert world.vehicles["U1"].state is StreamState.SILENT
+    assert "nobody" in done(world, "hold")
+    assert "nobody" in done(world, "resume")
+    assert world.executor.held is None

@@ -90,7 +90,7 @@ class World(RelayWorld):
     ) -> None:
         """Run the relay to its end, or `until` enough of it was seen.
 
-        `meanwhile` is called with the time since the start before each step.
+        `meanwhile` is called with the time since the start before each step; what it has `left` to do has to be done.
         """
         relay = asyncio.create_task(self.executor.run())
         started_s = self.clock.now_s()
@@ -106,6 +106,7 @@ class World(RelayWorld):
                     await relay
         if not relay.cancelled():
             await relay
+        assert not getattr(meanwhile, "left", ()), "the script was not played to its end"
 
     def on_its_way(self, name: str) -> Callable[[], bool]:
         """Return the condition that a receiver has been located and flies: all before it in the chain stand."""
